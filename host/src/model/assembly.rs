@@ -101,7 +101,7 @@ impl Assembly {
             damping: None,
             coordinates: coordinates.clone(),
             whole: whole.clone(),
-            geometry: if places.is_empty() {
+            geometry: if places.is_empty() || !nodes.is_empty() {
                 Geometry::of_nodes(nodes, stiffness)
             } else {
                 Geometry::Named(places.clone())

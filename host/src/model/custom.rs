@@ -12,6 +12,7 @@ use super::assembly::Assembly;
 use super::beam::Segment;
 use super::contribution::{Contribution, Factors};
 use super::matrices::{MatrixError, WholeMatrices, dense_bytes, read_sum, sparse_bytes};
+use super::node_files::KnownRows;
 use super::runs::RunChange;
 use super::sensitivity::Change;
 use super::structure::{Body, Structure};
@@ -92,18 +93,18 @@ impl Custom {
     /// # Errors
     /// [`CustomError`] names the file and the line.
     pub fn read(source: &CustomSource, folder: &Path) -> Result<Self, CustomError> {
-        Ok(Self::read_whole(source, folder, 0)?.in_full())
+        Ok(Self::read_whole(source, folder, &KnownRows::default())?.in_full())
     }
 
-    /// As [`Custom::read`], but for its matrices in the rows of the model: [`Custom::within`] makes these. Files that do not state a size have
-    /// at least `least_rows` rows.
+    /// As [`Custom::read`], but for its matrices in the rows of the model: [`Custom::within`] makes these. Files that do not state a size, or
+    /// name their rows, have the rows that are `known`.
     ///
     /// # Errors
     /// As there.
-    pub(super) fn read_whole(source: &CustomSource, folder: &Path, least_rows: usize) -> Result<Self, CustomError> {
+    pub(super) fn read_whole(source: &CustomSource, folder: &Path, known: &KnownRows) -> Result<Self, CustomError> {
         let file = source.file.as_ref().map(|file| folder.join(file));
         let matrix = |terms: &[MatrixTerm], quantity| -> Result<Option<Arc<CscMatrix<f64>>>, CustomError> {
-            let read = || read_sum(terms, quantity, file.as_deref(), folder, None, least_rows);
+            let read = || read_sum(terms, quantity, file.as_deref(), folder, None, &mut known.clone());
             Ok(if terms.is_empty() { None } else { Some(Arc::new(read()?)) })
         };
         let [stiffness, mass] = match source.group {

@@ -396,13 +396,13 @@ fn sparse_matrices_are_read_from_every_programs_files() {
     scipy_file(&at("outside.npz"), CompressionMethod::Stored, &rows(array(&[0_i32, 2, 4, 9])));
     scipy_file(&at("none.npz"), CompressionMethod::Stored, &[("data", data), ("shape", shape)]);
     fs::write(at("damaged.npz"), "PK, but no archive").unwrap();
-    fs::write(at("nodes.mtx"), "1, 1, 1, 1, 2.0\n").unwrap();
+    fs::write(at("nodes.mtx"), "1, 1, 1, 1, 2.0\n1, 1, 2\n").unwrap();
     fs::write(at("words.sti"), "1 1 2.0\n1 two 3.0\n").unwrap();
     for (file, expected) in [
         ("outside.npz", "row 3 has no entries 4 to 9"),
         ("none.npz", "scipy.sparse.save_npz"),
         ("damaged.npz", "not a .npz file"),
-        ("nodes.mtx", "FORMAT=COORDINATE"),
+        ("nodes.mtx", "FORMAT=MATRIX INPUT"),
         ("words.sti", "line 2: `1 two 3.0`"),
     ] {
         let refused = ImportedMatrices::read(&files(file, file, None), folder.path()).unwrap_err().to_string();

@@ -47,6 +47,14 @@ pub enum LayoutError {
         /// What the system said.
         source: std::io::Error,
     },
+    /// A universal file that does not place the rows.
+    #[error("{}: {reason}", file.display())]
+    Universal {
+        /// The file.
+        file: PathBuf,
+        /// Why.
+        reason: String,
+    },
     /// A line that is no name of a row.
     #[error("{}, line {line}: `{found}` where a node and its direction, such as 12.1, were expected", file.display())]
     RowName {

@@ -13,6 +13,7 @@ use super::custom::{Custom, CustomError, of_other_size};
 use super::effect::{Effect, EffectError};
 use super::eigen::EigenError;
 use super::matrices::{MatrixError, WholeMatrices, dense_bytes};
+use super::node_files::KnownRows;
 use super::reduction;
 use super::runs::{self, RunError};
 use super::size::{self, TooManyUnknowns};
@@ -141,24 +142,28 @@ pub fn load(study: &Study) -> Result<LoadedModel, ModelError> {
 pub fn load_up_to(study: &Study, highest_hz: Option<f64>) -> Result<LoadedModel, ModelError> {
     let file = study.folder.join(STUDY_FILE);
     let model = section(study)?;
-    let custom = |source: &CustomSource, rows: usize| {
-        Custom::read_whole(source, &study.folder, rows).map_err(|error| ModelError::Custom {
+    let custom = |source: &CustomSource, known: &KnownRows| {
+        Custom::read_whole(source, &study.folder, known).map_err(|error| ModelError::Custom {
             section: source.section(),
             file: file.clone(),
             line: source.line,
             source: Box::new(error),
         })
     };
-    let customs =
-        |rows: usize| model.customs.iter().map(|source| custom(source, rows)).collect::<Result<Vec<Custom>, _>>();
+    let customs = |known: &KnownRows| {
+        model.customs.iter().map(|source| custom(source, known)).collect::<Result<Vec<Custom>, _>>()
+    };
     let tied = |customs: Vec<Custom>| join_tied(customs, &model.customs, &file);
     let in_full = |customs: Vec<Custom>| customs.into_iter().map(Custom::in_full).collect();
     let mut warnings = Vec::new();
     let (body, customs): (Body, Vec<Custom>) = match &model.source {
-        ModelSource::Beam(path) => (Body::Beam(read_beam(&study.folder.join(path))?), in_full(tied(customs(0)?)?)),
+        ModelSource::Beam(path) => {
+            (Body::Beam(read_beam(&study.folder.join(path))?), in_full(tied(customs(&KnownRows::default())?)?))
+        }
         ModelSource::Matrices(source) => {
             let whole = WholeMatrices::read(source, &study.folder)?;
-            let customs = tied(customs(whole.stiffness.nrows())?)?;
+            let known = KnownRows { least: whole.stiffness.nrows(), places: whole.places.clone() };
+            let customs = tied(customs(&known)?)?;
             if reduction::is_worthwhile(&whole) {
                 check_sizes(&whole, &customs, model, &file)?;
                 let (matrices, customs) = reduction::reduced(whole, customs, highest_hz)?;

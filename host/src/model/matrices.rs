@@ -12,7 +12,9 @@ use thiserror::Error;
 
 use super::layout::{LayoutError, LayoutNode, is_line, read_dofs, read_nodes, read_row_names};
 use super::matrix_files;
+use super::node_files::KnownRows;
 use super::size::{self, TooManyUnknowns};
+use super::universal_nodes::{is_universal, read_universal_nodes};
 use crate::record::{MatError, RecordError};
 use crate::study::{LayoutFile, MatrixSource, MatrixTerm};
 
@@ -45,7 +47,7 @@ pub enum MatrixError {
     Npy(#[from] RecordError),
     /// A name that no file goes with.
     #[error(
-        "[model] matrices: `{name}` is neither a Matrix Market file (.mtx), a NumPy or SciPy file (.npy, .npz), a file of CalculiX (.sti, .mas), nor a variable of a MATLAB file named by `file`"
+        "[model] matrices: `{name}` is neither a Matrix Market file (.mtx), a NumPy or SciPy file (.npy, .npz), a file of CalculiX (.sti, .mas), nor a matrix of the MATLAB, HDF5 or Nastran file named by `file`"
     )]
     NoFile {
         /// The name.
@@ -164,8 +166,9 @@ impl WholeMatrices {
     /// [`MatrixError`] names the file, the matrix and the entry.
     pub(super) fn read(source: &MatrixSource, folder: &Path) -> Result<Self, MatrixError> {
         let file = source.file.as_ref().map(|file| folder.join(file));
-        let stiffness = read_sum(&source.stiffness, "stiffness", file.as_deref(), folder, None, 0)?;
-        let mass = read_sum(&source.mass, "mass", file.as_deref(), folder, Some(stiffness.nrows()), 0)?;
+        let mut known = KnownRows::default();
+        let stiffness = read_sum(&source.stiffness, "stiffness", file.as_deref(), folder, None, &mut known)?;
+        let mass = read_sum(&source.mass, "mass", file.as_deref(), folder, Some(stiffness.nrows()), &mut known)?;
         for (matrix, quantity, admissible, expected) in [
             (&stiffness, "stiffness", (|value| value > 0.0) as fn(f64) -> bool, "only a number above 0"),
             (&mass, "mass", |value| value >= 0.0, "only 0 or more"),
@@ -175,16 +178,19 @@ impl WholeMatrices {
                 return Err(MatrixError::Diagonal { quantity, row: row + 1, value: diagonal[row], expected });
             }
         }
-        let (rows, mut nodes, mut places) = (stiffness.nrows(), Vec::new(), Vec::new());
+        let (rows, mut nodes, mut places) = (stiffness.nrows(), Vec::new(), known.places);
         match &source.layout {
+            Some(LayoutFile::Nodes(path)) if is_universal(path) => {
+                nodes = read_universal_nodes(&folder.join(path), &places)?;
+            }
             Some(LayoutFile::Nodes(path)) => nodes = read_nodes(&folder.join(path), rows)?,
             Some(LayoutFile::Dofs(path)) if path.extension().is_some_and(|ending| ending == "dof") => {
-                places = read_row_names(&folder.join(path), rows)?;
+                places = read_row_names(&folder.join(path), rows)?.into();
             }
             Some(LayoutFile::Dofs(path)) => nodes = read_dofs(&folder.join(path), rows)?,
             None => {}
         }
-        Ok(Self { stiffness, mass, nodes, places: places.into() })
+        Ok(Self { stiffness, mass, nodes, places })
     }
 
     /// Every entry, also those that are zero.
@@ -257,8 +263,8 @@ fn diagonal(matrix: &CscMatrix<f64>) -> Vec<f64> {
     (0..matrix.nrows().min(matrix.ncols())).map(|at| entry(matrix, at, at)).collect()
 }
 
-/// The sum of the matrices that `terms` name, symmetric; `file` is the MATLAB file of names without an ending; files that do
-/// not state a size have at least `least_rows` rows.
+/// The sum of the matrices that `terms` name, symmetric; `file` holds what is named without an ending. Files that do not state
+/// a size, or name their rows, have the rows that are `known`.
 ///
 /// # Errors
 /// [`MatrixError`] names the file and the matrix.
@@ -268,11 +274,14 @@ pub(super) fn read_sum(
     file: Option<&Path>,
     folder: &Path,
     mut size: Option<usize>,
-    least_rows: usize,
+    known: &mut KnownRows,
 ) -> Result<CscMatrix<f64>, MatrixError> {
     let mut total: Option<CscMatrix<f64>> = None;
     for MatrixTerm { name, factor } in terms {
-        let (path, matrix) = matrix_files::read(name, quantity, file, folder, size.unwrap_or(least_rows))?;
+        let (path, matrix) = {
+            known.least = size.unwrap_or(known.least);
+            matrix_files::read(name, quantity, file, folder, known)?
+        };
         check(&matrix, &path, name, quantity, size)?;
         size = Some(matrix.nrows());
         // Mirror images may differ by rounding.

@@ -9,6 +9,7 @@ use nalgebra_sparse::{CooMatrix, CscMatrix};
 use zip::ZipArchive;
 
 use super::matrices::MatrixError;
+use super::node_files::{self, KnownRows};
 use super::size;
 use crate::record::mat::{Class, read_matrix, read_sparse_matrix, variables};
 use crate::record::{NpyArray, read_row};
@@ -16,34 +17,40 @@ use crate::record::{NpyArray, read_row};
 /// How a Matrix Market file starts, in letters of either case.
 const HEADER: &str = "%%MatrixMarket";
 /// More rows than this no model has.
-const MOST_ROWS: usize = 200_000;
+pub(super) const MOST_ROWS: usize = 200_000;
 
-/// The matrix that `name` stands for, and its file: by its ending a file in `folder`, else a variable of the MATLAB file `matlab`.
+/// The matrix that `name` stands for, and its file: by its ending a file in `folder`, else a variable of the MATLAB or HDF5 file
+/// `container`, or a matrix of that Nastran file.
 ///
-/// Files without a size have at least `least_rows` rows.
+/// Files without a size, and those whose rows are nodes and degrees of freedom, have the rows that are `known`.
 ///
 /// # Errors
 /// [`MatrixError`] names the file.
 pub(super) fn read(
     name: &str,
     quantity: &'static str,
-    matlab: Option<&Path>,
+    container: Option<&Path>,
     folder: &Path,
-    least_rows: usize,
+    known: &mut KnownRows,
 ) -> Result<(PathBuf, CscMatrix<f64>), MatrixError> {
     let path = folder.join(name);
     let unreadable = |reason: String| MatrixError::Unreadable { file: path.clone(), reason };
     let text = || std::fs::read_to_string(&path).map_err(|error| unreadable(format!("cannot be read ({error})")));
     let ending = Path::new(name).extension().and_then(|extension| extension.to_str());
-    let matrix = match (ending, matlab) {
+    let matrix = match (ending, container) {
         (Some("mtx"), _) => {
             let text = text()?;
             let has_header = text.get(..HEADER.len()).is_some_and(|start| start.eq_ignore_ascii_case(HEADER));
-            let read =
-                if has_header || text.trim().is_empty() { matrix_market(&text) } else { triplets(&text, least_rows) };
+            let read = if has_header || text.trim().is_empty() {
+                matrix_market(&text)
+            } else if is_by_nodes(&text) {
+                node_files::abaqus(&text).and_then(|matrix| matrix.in_rows(known))
+            } else {
+                triplets(&text, known.least)
+            };
             read.map_err(unreadable)?
         }
-        (Some("sti" | "mas"), _) => triplets(&text()?, least_rows).map_err(unreadable)?,
+        (Some("sti" | "mas"), _) => triplets(&text()?, known.least).map_err(unreadable)?,
         (Some("npz"), _) => scipy(&path).map_err(unreadable)?,
         (Some("npy"), _) => {
             let array = NpyArray::open(&path)?;
@@ -54,10 +61,30 @@ pub(super) fn read(
             check_size(in_memory(rows), in_memory(columns), &path, name, quantity)?;
             CscMatrix::from(&array.read_matrix()?)
         }
+        (_, Some(file)) if is_nastran(file) => {
+            let read = |error| MatrixError::Unreadable { file: file.to_owned(), reason: error };
+            let text = std::fs::read_to_string(file).map_err(|error| read(format!("cannot be read ({error})")))?;
+            let matrix = node_files::dmig(&text, name).and_then(|matrix| matrix.in_rows(known)).map_err(read)?;
+            return Ok((file.to_owned(), matrix));
+        }
         (_, Some(file)) => return Ok((file.to_owned(), of_matlab(file, name, quantity)?)),
         (_, None) => return Err(MatrixError::NoFile { name: name.to_owned() }),
     };
     Ok((path, matrix))
+}
+
+/// Whether the lines of a file without a header are nodes and degrees of freedom: five numbers each.
+fn is_by_nodes(text: &str) -> bool {
+    let mut lines = text.lines().filter(|line| !line.trim().is_empty() && !line.trim_start().starts_with(['*', '%']));
+    let words =
+        |line: &str| line.split(|c: char| c.is_whitespace() || c == ',').filter(|word| !word.is_empty()).count();
+    lines.next().is_some_and(|line| words(line) == 5)
+}
+
+/// Whether a file is one of Nastran, punched or of bulk data, by its ending.
+fn is_nastran(file: &Path) -> bool {
+    let ending = file.extension().and_then(|ending| ending.to_str()).unwrap_or_default();
+    ["pch", "bdf", "nas", "dat", "blk", "dmig"].iter().any(|known| ending.eq_ignore_ascii_case(known))
 }
 
 /// A length that no memory has, where it is too long for one.
@@ -139,7 +166,6 @@ fn check_sizes(text: &str) -> Result<(), String> {
 fn triplets(text: &str, least_rows: usize) -> Result<CscMatrix<f64>, String> {
     const EXPECTED: &str =
         "where row, column and value were expected, as CalculiX (.sti, .mas) and Abaqus (FORMAT=COORDINATE) write them";
-    const OF_NODES: &str = "where row, column and value were expected; five numbers are Abaqus' nodes and degrees of freedom: write the matrix with FORMAT=COORDINATE";
     let mut entries: Vec<(usize, usize, f64)> = Vec::new();
     let is_separator = |c: char| c.is_whitespace() || c == ',';
     for (index, line) in text.lines().enumerate() {
@@ -149,7 +175,7 @@ fn triplets(text: &str, least_rows: usize) -> Result<CscMatrix<f64>, String> {
         }
         let wrong = |expected: &str| format!("line {}: `{}` {expected}", index + 1, line.trim());
         let [row, column, value] = words[..] else {
-            return Err(wrong(if words.len() == 5 { OF_NODES } else { EXPECTED }));
+            return Err(wrong(EXPECTED));
         };
         let place = |word: &str| word.parse::<usize>().ok().filter(|place| (1..=MOST_ROWS).contains(place));
         let value = value.replace(['d', 'D'], "e").parse::<f64>().ok();

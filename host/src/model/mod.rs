@@ -29,6 +29,9 @@ mod load;
 mod mass_spread;
 mod matrices;
 mod matrix_files;
+mod node_files;
+#[cfg(test)]
+mod node_files_tests;
 mod reduction;
 #[cfg(test)]
 mod reduction_tests;
@@ -41,6 +44,7 @@ mod size;
 mod structure;
 #[cfg(test)]
 pub(crate) mod tests;
+mod universal_nodes;
 mod wireframe;
 
 pub use assembly::{Assembly, MassAtRow};

@@ -144,6 +144,18 @@ fn named_row(places: &[String], sensor: &Sensor) -> Option<usize> {
     })
 }
 
+/// The row of the node and direction that a sensor's channel or point names.
+fn row_of_node(nodes: &[LayoutNode], sensor: &Sensor) -> Option<usize> {
+    let row = |node: &LayoutNode| {
+        // The order of a node's rows.
+        let names = ["x", "y", "rx", "ry", "rz", "z"].map(|direction| format!("{}{direction}", node.name));
+        let of_node = names.into_iter().zip(node.rows).filter_map(|(name, row)| Some((name, row?)));
+        of_node.collect::<Vec<_>>()
+    };
+    let (names, rows): (Vec<String>, Vec<usize>) = nodes.iter().flat_map(row).unzip();
+    rows.get(named_row(&names, sensor)?).copied()
+}
+
 /// The first few names.
 fn listed(places: &[String]) -> String {
     const MOST: usize = 12;
@@ -323,6 +335,11 @@ impl Assembly {
         if let Geometry::Named(places) = &self.geometry {
             let not_among = || SensorError::NotAmongPlaces { channel: channel(), known: listed(places) };
             return named_row(places, sensor).map(of_row).ok_or_else(not_among);
+        }
+        if let (Geometry::Space(nodes), None) = (&self.geometry, sensor.elevation_m)
+            && let Some(row) = row_of_node(nodes, sensor)
+        {
+            return Ok(of_row(row));
         }
         let elevation_m = sensor.elevation_m.ok_or_else(|| SensorError::NoElevation { channel: channel() })?;
         match sensor.unit.map(Unit::motion) {

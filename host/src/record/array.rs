@@ -17,6 +17,7 @@ pub(super) enum Sample {
     U8,
     I16,
     U16,
+    I24,
     I32,
     U32,
     I64,
@@ -31,6 +32,7 @@ impl Sample {
         match self {
             Sample::I8 | Sample::U8 => 1,
             Sample::I16 | Sample::U16 => 2,
+            Sample::I24 => 3,
             Sample::I32 | Sample::U32 | Sample::F32 => 4,
             Sample::I64 | Sample::U64 | Sample::F64 => 8,
         }
@@ -43,6 +45,9 @@ impl Sample {
             Sample::U8 => placement.fill(raw, |bytes| f64::from(u8::from_le_bytes(bytes))),
             Sample::I16 => placement.fill(raw, |bytes| f64::from(i16::from_le_bytes(bytes))),
             Sample::U16 => placement.fill(raw, |bytes| f64::from(u16::from_le_bytes(bytes))),
+            Sample::I24 => {
+                placement.fill(raw, |[low, middle, high]| f64::from(i32::from_le_bytes([0, low, middle, high]) >> 8))
+            }
             Sample::I32 => placement.fill(raw, |bytes| f64::from(i32::from_le_bytes(bytes))),
             Sample::U32 => placement.fill(raw, |bytes| f64::from(u32::from_le_bytes(bytes))),
             Sample::I64 => placement.fill(raw, |bytes| i64::from_le_bytes(bytes) as f64),
@@ -117,7 +122,7 @@ pub(super) enum Source {
 
 impl Source {
     /// Fills `raw` from `offset` on.
-    fn fetch(&mut self, offset: u64, raw: &mut [u8]) -> io::Result<()> {
+    pub(super) fn fetch(&mut self, offset: u64, raw: &mut [u8]) -> io::Result<()> {
         match self {
             Source::File(file) => {
                 file.seek(SeekFrom::Start(offset))?;

@@ -8,7 +8,7 @@ use crate::statistics::median;
 /// A time column's step (or a dataset's) may differ from the sampling rate by this much.
 pub(super) const RATE_TOLERANCE: f64 = 1e-3;
 /// Rows that may be filled into one recording: 55 h at 50 Hz. More is a wrong time column, not a gap.
-const MOST_FILLED_ROWS: u64 = 10_000_000;
+pub(super) const MOST_FILLED_ROWS: u64 = 10_000_000;
 /// The rate is compared with the setup's over stretches of this many steps.
 const STEPS_TO_CHECK: u32 = 4096;
 /// Gaps in time that are kept one by one.

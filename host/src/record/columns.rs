@@ -23,6 +23,8 @@ pub(super) enum Columns {
     Named(Vec<String>),
     /// Known by their position, from 1.
     Numbered(usize),
+    /// Named in several steps, as `group/channel` or `NET.STA.LOC.CHA`: the last ones are enough where they are unlike those of all others.
+    Paths(Vec<String>),
     /// The time responses of a universal file, in its order.
     Responses(Vec<ResponseName>),
 }
@@ -32,6 +34,7 @@ impl PartialEq for Columns {
     fn eq(&self, other: &Self) -> bool {
         match (self, other) {
             (Columns::Named(one), Columns::Named(other)) => one == other,
+            (Columns::Paths(one), Columns::Paths(other)) => one == other,
             (Columns::Numbered(one), Columns::Numbered(other)) => one == other,
             (Columns::Responses(one), Columns::Responses(other)) => same_responses(one, other),
             _ => false,
@@ -43,6 +46,7 @@ impl fmt::Display for Columns {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Columns::Named(names) => write!(formatter, "the columns `{}`", names.join("`, `")),
+            Columns::Paths(names) => write!(formatter, "the channels `{}`", names.join("`, `")),
             Columns::Numbered(1) => write!(formatter, "1 column without a name, which is channel 1"),
             Columns::Numbered(count) => {
                 write!(formatter, "{count} columns without names, which are channels 1 to {count}")
@@ -78,6 +82,24 @@ impl Columns {
                 Ok(position) if (1..=*count).contains(&position) => Ok(position - 1),
                 _ => Err(unknown()),
             },
+            Columns::Paths(names) => {
+                let channel = channel.trim();
+                let is_tail = |name: &str| {
+                    name.strip_suffix(channel).is_some_and(|before| before.is_empty() || before.ends_with(['/', '.']))
+                };
+                if let Some(whole) = names.iter().position(|name| name == channel) {
+                    return Ok(whole);
+                }
+                let mut found = (0..).zip(names).filter(|(_, name)| !channel.is_empty() && is_tail(name));
+                match (found.next(), found.next(), channel.parse::<usize>()) {
+                    (Some((column, _)), None, _) => Ok(column),
+                    (Some(_), Some(_), _) => {
+                        Err(RecordError::AmbiguousChannel { file: file.to_owned(), channel: channel.to_owned() })
+                    }
+                    (None, _, Ok(position)) if (1..=names.len()).contains(&position) => Ok(position - 1),
+                    _ => Err(unknown()),
+                }
+            }
             Columns::Responses(names) => find_response(names, channel, file, unknown),
         }
     }

@@ -6,6 +6,8 @@ use std::fmt;
 use std::io;
 use std::path::{Path, PathBuf};
 
+use super::hdf5::Hdf5Error;
+
 /// A position in a file of a recording.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct FilePosition {
@@ -67,7 +69,7 @@ pub enum RecordError {
     #[error("{file} is named twice by the setup's `files`: its rows would count twice, so make the patterns disjoint")]
     FileTwice { file: PathBuf },
     #[error(
-        "{file}: the ending says nothing about the format: expected .txt, .asc or .dat (white space), .csv, .npy, .mat, .parquet, .uff or .unv"
+        "{file}: the ending says nothing about the format: expected .txt, .asc or .dat (white space), .csv, .npy, .mat, .parquet, .uff or .unv, .h5 or .hdf5, .wav, .sac, .mseed or .tdms"
     )]
     UnknownEnding { file: PathBuf },
     #[error("{file} cannot be read: {source}")]
@@ -152,8 +154,16 @@ pub enum RecordError {
         "{file}, channel `{channel}`: starts {late_s} s after the setup's first channel: channels of one setup must start together; cut them so, or leave the sensor out of the setup"
     )]
     UffStart { file: PathBuf, channel: String, late_s: f64 },
+    #[error(
+        "{file}, channel `{channel}`: sampled at {measured_hz:.4} Hz by the file, but the setup's sampling_rate_hz is {stated_hz}: correct sampling_rate_hz"
+    )]
+    StatedRate { file: PathBuf, channel: String, measured_hz: f64, stated_hz: f64 },
+    #[error("{file}: {reason}")]
+    Format { file: PathBuf, reason: String },
     #[error(transparent)]
     Mat(#[from] MatError),
+    #[error(transparent)]
+    Hdf5(#[from] Hdf5Error),
 }
 
 impl RecordError {
@@ -174,14 +184,12 @@ impl RecordError {
 pub enum MatError {
     #[error("{file} cannot be read: {source}")]
     Io { file: PathBuf, source: io::Error },
-    #[error("{file} is empty: expected a MATLAB v5 file")]
+    #[error("{file} is empty: expected a MATLAB file")]
     EmptyFile { file: PathBuf },
-    #[error(
-        "{file} is a MATLAB v7.3 file (HDF5): expected v5, so save it again in MATLAB with save('name.mat', '-v7')"
-    )]
-    Version73 { file: PathBuf },
-    #[error("{file} is not a MATLAB v5 file: save it again in MATLAB with save('name.mat', '-v7')")]
-    NotVersion5 { file: PathBuf },
+    #[error("{file} is not a MATLAB file of version 5 or 7.3: save it again in MATLAB with save('name.mat', '-v7')")]
+    NotMatlab { file: PathBuf },
+    #[error(transparent)]
+    Hdf5(#[from] Hdf5Error),
     #[error("{file} is cut short within {part}: copy or save the file again")]
     Truncated { file: PathBuf, part: String },
     #[error("{file}, variable `{variable}`: damaged: {reason}; copy or save the file again")]

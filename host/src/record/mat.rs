@@ -1,9 +1,10 @@
-//! MATLAB v5 files: their variables, read as whole matrices (models) or row by row (recordings).
+//! MATLAB files of versions 5 and 7.3: their variables, read as whole matrices (models) or row by row (recordings).
 //!
 //! The format is that of MathWorks' "MAT-File Format": elements with a tag, a variable being an element of elements,
-//! compressed or not. An uncompressed recording is read by seeking; a compressed one is inflated first, a long one into a file.
+//! compressed or not; files of version 7.3 are HDF5. An uncompressed recording is read by seeking; a compressed one is inflated first, a long one into a file.
 
 mod element;
+mod hdf5;
 
 use std::fs::File;
 use std::path::Path;
@@ -20,7 +21,7 @@ pub use element::{Class, Variable};
 /// Numbers in the largest matrix that is made dense: 1 GiB.
 const MOST_NUMBERS: u64 = 1 << 27;
 
-/// The named variables of a MATLAB v5 file, in the file's order.
+/// The named variables of a MATLAB file, in the file's order.
 ///
 /// # Errors
 /// Where the file cannot be read, is of another version, or is damaged.
@@ -45,7 +46,7 @@ pub fn read_matrix(path: &Path, name: &str) -> Result<DMatrix<f64>, MatError> {
         return Ok(DMatrix::from(&sparse_entries(path, &file, &variable, [rows, columns])?));
     }
     // MATLAB stores column after column, as nalgebra does.
-    let values = file.full(&variable)?;
+    let values = file.full(&variable, row_count as u64 * column_count as u64)?;
     if values.len() != row_count * column_count {
         let reason = format!("{} numbers where {rows} × {columns} are announced", values.len());
         return Err(MatError::Damaged { file: path.to_owned(), variable: variable.name, reason });

@@ -1,28 +1,37 @@
 //! Recordings: what a setup's files hold, streamed in blocks, never read whole.
 //!
 //! Files flow in; rows in the study's channel order and in SI units flow out, with NaN where a sample is missing. The
-//! format goes by a file's ending: white space (`.txt`, `.asc`, `.dat`), CSV (`.csv`), NumPy (`.npy`), MATLAB v5
-//! (`.mat`), Parquet (`.parquet`), datasets 58 of a universal file (`.uff`, `.unv`). At the end a [`RecordReport`] says what
+//! format goes by a file's ending: white space (`.txt`, `.asc`, `.dat`), CSV (`.csv`), NumPy (`.npy`), MATLAB
+//! (`.mat`), HDF5 (`.h5`, `.hdf5`), Parquet (`.parquet`), datasets 58 of a universal file (`.uff`, `.unv`), WAV (`.wav`),
+//! SAC (`.sac`), miniSEED (`.mseed`), TDMS (`.tdms`). At the end a [`RecordReport`] says what
 //! was missing, dead or unusual.
 
 mod array;
 mod block;
+mod channels;
 mod clock;
 mod columns;
 mod error;
 mod files;
+mod hdf5;
 mod lines;
 pub mod mat;
+mod mseed;
 mod npy;
 mod number;
 mod parquet;
 mod report;
 mod response_name;
 mod row_reader;
+mod sac;
 mod source_file;
+mod steim;
+mod tdms;
 mod text;
+mod traces;
 mod uff;
 mod warning;
+mod wav;
 
 #[cfg(test)]
 mod tests;
@@ -34,6 +43,7 @@ pub(crate) use columns::si_factor;
 pub(crate) use error::quoted;
 pub use error::{At, FilePosition, MatError, RecordError};
 pub(crate) use files::matching_files;
+pub use hdf5::Hdf5Error;
 pub(crate) use npy::{NpyArray, read_row};
 pub use report::{ChannelReport, Gap, RecordReport};
 pub(crate) use warning::time_of_day;
@@ -89,7 +99,7 @@ impl Recording {
             return Err(RecordError::SamplingRate { setup: setup.name.clone(), sampling_rate_hz });
         }
         let files = files::matching_files(setup, folder)?;
-        let files: Vec<SourceFile> = files.into_iter().map(SourceFile::new).collect::<Result<_, _>>()?;
+        let files = SourceFile::all(files)?;
         let (Some(columns), Some(first)) = (common_columns(&files, setup)?, files.first()) else {
             return Err(RecordError::NoFiles { setup: setup.name.clone() });
         };

@@ -69,8 +69,13 @@ impl Progress {
         self.next += rows as u64;
     }
 
+    /// A row of the last read among those of the file, from 0.
+    pub(super) fn row(&self, row: usize) -> u64 {
+        self.last_read + row as u64
+    }
+
     /// Where a row of the last read stands.
     pub(super) fn position(&self, file: &Path, row: usize) -> FilePosition {
-        FilePosition { file: file.to_owned(), at: At::Row(self.last_read + row as u64 + 1) }
+        FilePosition { file: file.to_owned(), at: At::Row(self.row(row) + 1) }
     }
 }

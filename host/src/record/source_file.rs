@@ -5,14 +5,17 @@
 use std::path::{Path, PathBuf};
 
 use super::array::ArrayReader;
+use super::channels::ChannelReader;
 use super::clock::Clock;
 use super::columns::Columns;
 use super::error::RecordError;
+use super::hdf5::recording::Hdf5Recording;
 use super::parquet::ParquetReader;
 use super::row_reader::RowReader;
 use super::text::TextReader;
+use super::traces::Traces;
 use super::uff::UffReader;
-use super::{mat, npy};
+use super::{mat, mseed, npy, sac, tdms, wav};
 use crate::study::Setup;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -21,30 +24,58 @@ enum Format {
     Csv,
     Npy,
     Mat,
+    Hdf5,
     Parquet,
     Uff,
+    Wav,
+    Sac,
+    MiniSeed,
+    Tdms,
 }
 
-/// One of a setup's files, its format known by its ending.
+/// One of a setup's files, its format known by its ending; or several, where each has a channel or a part of one.
 #[derive(Debug, Clone)]
 pub(super) struct SourceFile {
     pub(super) path: PathBuf,
+    /// Files whose traces stand beside its own, by their times.
+    beside: Vec<PathBuf>,
     format: Format,
 }
 
 impl SourceFile {
-    pub(super) fn new(path: PathBuf) -> Result<Self, RecordError> {
-        let ending = path.extension().map(|ending| ending.to_string_lossy().to_ascii_lowercase());
-        let format = match ending.as_deref() {
-            Some("txt" | "asc" | "dat") => Format::WhiteSpace,
-            Some("csv") => Format::Csv,
-            Some("npy") => Format::Npy,
-            Some("mat") => Format::Mat,
-            Some("parquet") => Format::Parquet,
-            Some("uff" | "unv") => Format::Uff,
-            _ => return Err(RecordError::UnknownEnding { file: path }),
-        };
-        Ok(Self { path, format })
+    /// A setup's files, those together whose traces are put on one line of time.
+    pub(super) fn all(paths: Vec<PathBuf>) -> Result<Vec<Self>, RecordError> {
+        let mut files: Vec<Self> = Vec::new();
+        for path in paths {
+            let file = Self::new(path)?;
+            match files.iter_mut().find(|first| first.has_traces() && file.has_traces()) {
+                Some(first) => first.beside.push(file.path),
+                None => files.push(file),
+            }
+        }
+        Ok(files)
+    }
+
+    fn has_traces(&self) -> bool {
+        matches!(self.format, Format::Sac | Format::MiniSeed)
+    }
+
+    fn traces(&self, setup: &Setup) -> Result<ChannelReader, RecordError> {
+        let mut traces = Traces::default();
+        for path in std::iter::once(&self.path).chain(&self.beside) {
+            match format_of(path) {
+                Some(Format::Sac) => sac::add(path, &mut traces)?,
+                _ => mseed::add(path, &mut traces)?,
+            }
+        }
+        traces.reader(setup)
+    }
+
+    fn new(path: PathBuf) -> Result<Self, RecordError> {
+        match format_of(&path) {
+            Some(format) => Ok(Self { path, beside: Vec::new(), format }),
+            None => Err(RecordError::UnknownEnding { file: path }),
+        }
     }
 
     /// The file's columns; finds what its first bytes or its size show to be wrong.
@@ -54,6 +85,10 @@ impl SourceFile {
             Format::Csv => TextReader::open_csv(&self.path, &setup.sensors)?.inspect(setup.sampling_rate_hz),
             Format::Npy => Ok(Columns::Numbered(npy::open(&self.path)?.columns())),
             Format::Mat => Ok(Columns::Numbered(mat::recording_shape(&self.path, setup.variable.as_deref())?.columns)),
+            Format::Hdf5 => Ok(Hdf5Recording::open(&self.path, setup)?.columns()),
+            Format::Wav => Ok(wav::open(&self.path, setup)?.columns()),
+            Format::Tdms => Ok(tdms::open(&self.path, setup)?.columns()),
+            Format::Sac | Format::MiniSeed => Ok(self.traces(setup)?.columns()),
             Format::Parquet => ParquetReader::open(&self.path, &setup.sensors)?.inspect(setup.sampling_rate_hz),
             Format::Uff => Ok(UffReader::open(&self.path, setup)?.columns()),
         }
@@ -65,6 +100,10 @@ impl SourceFile {
             Format::Csv => Box::new(TextReader::open_csv(&self.path, &setup.sensors)?),
             Format::Npy => Box::new(npy::open(&self.path)?),
             Format::Mat => Box::new(self.open_mat(setup)?),
+            Format::Hdf5 => Hdf5Recording::open(&self.path, setup)?.reader(setup)?,
+            Format::Wav => Box::new(wav::open(&self.path, setup)?),
+            Format::Tdms => Box::new(tdms::open(&self.path, setup)?),
+            Format::Sac | Format::MiniSeed => Box::new(self.traces(setup)?),
             Format::Parquet => Box::new(ParquetReader::open(&self.path, &setup.sensors)?),
             Format::Uff => Box::new(UffReader::open(&self.path, setup)?),
         })
@@ -81,10 +120,33 @@ impl SourceFile {
             Format::Csv => TextReader::open_csv(&self.path, &setup.sensors)?.count_rows(clock),
             Format::Npy => Ok(npy::open(&self.path)?.rows()),
             Format::Mat => Ok(mat::recording_shape(&self.path, setup.variable.as_deref())?.rows),
+            Format::Hdf5 => Ok(Hdf5Recording::open(&self.path, setup)?.rows()),
+            Format::Wav => Ok(wav::open(&self.path, setup)?.rows()),
+            Format::Tdms => Ok(tdms::open(&self.path, setup)?.rows()),
+            Format::Sac | Format::MiniSeed => Ok(self.traces(setup)?.rows()),
             Format::Parquet => ParquetReader::open(&self.path, &setup.sensors)?.count_rows(clock),
             Format::Uff => Ok(UffReader::open(&self.path, setup)?.rows()),
         }
     }
+}
+
+/// The format that a file's ending stands for.
+fn format_of(path: &Path) -> Option<Format> {
+    let ending = path.extension()?.to_string_lossy().to_ascii_lowercase();
+    Some(match ending.as_str() {
+        "txt" | "asc" | "dat" => Format::WhiteSpace,
+        "csv" => Format::Csv,
+        "npy" => Format::Npy,
+        "mat" => Format::Mat,
+        "h5" | "hdf5" | "hdf" => Format::Hdf5,
+        "parquet" => Format::Parquet,
+        "uff" | "unv" => Format::Uff,
+        "wav" | "rf64" => Format::Wav,
+        "sac" => Format::Sac,
+        "tdms" => Format::Tdms,
+        "mseed" | "miniseed" | "ms" | "mseed3" | "ms3" => Format::MiniSeed,
+        _ => return None,
+    })
 }
 
 /// Checks that no two files differ in their columns and returns those of the first.

@@ -460,12 +460,12 @@ fn prior_odds(entry: &Entry<'_>) -> Result<Vec<(String, f64)>, StudyError> {
 
 fn matrix_source(section: &Section<'_>) -> Result<MatrixSource, StudyError> {
     section.allow_only(MATRICES_KEYS)?;
-    const FILE: &str = "the name of a MATLAB v5 file, in quotes, such as \"model.mat\"";
+    const FILE: &str = "the name of a MATLAB, HDF5 or Nastran file, in quotes, such as \"model.mat\"";
     const STIFFNESS: &str =
         "the stiffness matrix: a name such as \"K\" or \"k.mtx\", or a list of names and [name, factor] pairs";
     const MASS: &str =
         "the mass matrix: a name such as \"M\" or \"m.mtx\", or a list of names and [name, factor] pairs";
-    const LAYOUT: &str = "the name of a CSV file, in quotes, such as \"nodes.csv\"";
+    const LAYOUT: &str = "the name of a CSV or universal file, in quotes, such as \"nodes.csv\"";
 
     let path =
         |key, expected| section.get(key).map(|entry: Entry<'_>| entry.text(expected).map(PathBuf::from)).transpose();
@@ -628,7 +628,7 @@ fn group(section: &Section<'_>) -> Result<CustomSource, StudyError> {
 fn change_of_model(section: &Section<'_>) -> Result<CustomSource, StudyError> {
     const NAME: &str =
         "a name of letters, digits, - and _ that starts with neither ch nor node, in quotes, such as \"cables\"";
-    const FILE: &str = "the name of a MATLAB v5 file, in quotes, such as \"model.mat\"";
+    const FILE: &str = "the name of a MATLAB, HDF5 or Nastran file, in quotes, such as \"model.mat\"";
     const MATRIX: &str = "a matrix: a name such as \"dK\" or \"dk.mtx\", or a list of names and [name, factor] pairs";
     const SEGMENTS: &str = "the name of a CSV file of relative changes, in quotes, such as \"cables.csv\"";
     const NUMBER: &str = "a number";

@@ -8,6 +8,9 @@ use belfry_host::record::mat::{read_matrix, variables};
 use belfry_host::record::{Block, Recording};
 use belfry_host::study::{LayoutFile, MatrixSource, MatrixTerm, Setup, Study};
 
+/// Longer recordings are opened and not read.
+const MOST_RECORDED: u64 = 1 << 18;
+
 thread_local! {
     /// Where files are written.
     static FOLDER: tempfile::TempDir = crate::folder_in_memory().expect("a folder for files");
@@ -149,6 +152,10 @@ fn record(ending: &str, bytes: &[u8]) {
 fn read(setup: &Setup, folder: &Path) -> Result<(), String> {
     let told = |error: belfry_host::record::RecordError| error.to_string();
     let mut recording = Recording::open(setup, folder).map_err(told)?;
+    // A damaged time may leave a gap of millions of rows, which takes long to go through.
+    if recording.total_rows().is_ok_and(|rows| rows > MOST_RECORDED) {
+        return Ok(());
+    }
     let mut block = Block::new();
     let mut rows = 0;
     while recording.next_block(&mut block).map_err(told)? {
@@ -206,4 +213,58 @@ pub fn parquet(bytes: &[u8]) {
 /// As [`white_space`].
 pub fn uff(bytes: &[u8]) {
     record("uff", bytes);
+}
+
+/// A recording as an HDF5 file.
+///
+/// # Panics
+/// As [`white_space`].
+pub fn hdf5(bytes: &[u8]) {
+    record("h5", bytes);
+}
+
+/// A recording as a WAV file.
+///
+/// # Panics
+/// As [`white_space`].
+pub fn wav(bytes: &[u8]) {
+    record("wav", bytes);
+}
+
+/// A recording as a SAC file.
+///
+/// # Panics
+/// As [`white_space`].
+pub fn sac(bytes: &[u8]) {
+    record("sac", bytes);
+}
+
+/// A recording as a miniSEED file.
+///
+/// # Panics
+/// As [`white_space`].
+pub fn mseed(bytes: &[u8]) {
+    record("mseed", bytes);
+}
+
+/// A recording as a TDMS file.
+///
+/// # Panics
+/// As [`white_space`].
+pub fn tdms(bytes: &[u8]) {
+    record("tdms", bytes);
+}
+
+/// A model's matrices as Nastran's DMIG, and as Abaqus' lines of nodes.
+///
+/// # Panics
+/// As [`study`].
+pub fn dmig(bytes: &[u8]) {
+    let folder = write("k.bdf", bytes);
+    let nastran = MatrixSource { file: Some("k.bdf".into()), ..source("KAAX") };
+    read_source(&nastran, &folder, "k.bdf");
+    write("k.mtx", bytes);
+    if !bytes.starts_with(b"%") {
+        read_source(&source("k.mtx"), &folder, "k.mtx");
+    }
 }

@@ -9,7 +9,10 @@ mod node;
 #[cfg(test)]
 mod tests;
 
-pub use file::{beam, layout, mat, mat_matrix, mtx, npy, npy_matrix, parquet, study, table, uff, white_space};
+pub use file::{
+    beam, dmig, hdf5, layout, mat, mat_matrix, mseed, mtx, npy, npy_matrix, parquet, sac, study, table, tdms, uff, wav,
+    white_space,
+};
 pub use frame::{frame, message};
 pub use host::host;
 pub use node::node;
@@ -18,7 +21,7 @@ pub use node::node;
 pub type Target = fn(&[u8]);
 
 /// All targets by name. `fuzz/corpus` has a folder for each.
-pub const TARGETS: [(&str, Target); 16] = [
+pub const TARGETS: [(&str, Target); 22] = [
     ("frame", frame),
     ("message", message),
     ("node", node),
@@ -35,4 +38,10 @@ pub const TARGETS: [(&str, Target); 16] = [
     ("mat", mat),
     ("parquet", parquet),
     ("uff", uff),
+    ("hdf5", hdf5),
+    ("wav", wav),
+    ("sac", sac),
+    ("mseed", mseed),
+    ("tdms", tdms),
+    ("dmig", dmig),
 ];

@@ -1,4 +1,4 @@
-//! The elements of a MATLAB v5 file: tags, variables' headers, and where their numbers stand.
+//! The elements of a MATLAB v5 file: tags, variables' headers, and where their numbers stand. Files of version 7.3 are handed on.
 
 use std::fmt;
 use std::fs::File;
@@ -7,11 +7,12 @@ use std::path::{Path, PathBuf};
 
 use flate2::read::ZlibDecoder;
 
+use super::hdf5::{self, Place};
 use crate::record::array::{Sample, Source};
 use crate::record::error::MatError;
+use crate::record::hdf5::{Dataset, Hdf5File, is_hdf5};
 
 const FILE_HEADER_BYTES: usize = 128;
-const HDF5_SIGNATURE: &[u8] = b"\x89HDF\r\n\x1a\n";
 const MATRIX: u32 = 14;
 const COMPRESSED: u32 = 15;
 const COMPLEX_FLAG: u32 = 0x0800;
@@ -53,13 +54,26 @@ pub struct Variable {
     pub dimensions: Vec<u64>,
     /// Whether its numbers have an imaginary part.
     pub complex: bool,
-    element: Element,
+    pub(super) storage: Storage,
+}
+
+/// Where a variable is in its file.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum Storage {
+    Version5(Element),
+    Hdf5(Box<Place>),
 }
 
 impl Variable {
-    /// Whether its numbers must be inflated before they can be read.
+    /// Whether its numbers must be inflated or put together before they can be read.
     pub fn is_compressed(&self) -> bool {
-        self.element.compressed
+        match &self.storage {
+            Storage::Version5(element) => element.compressed,
+            Storage::Hdf5(place) => match place.as_ref() {
+                Place::Full(object) => object.dataset.as_ref().is_some_and(Dataset::is_in_chunks),
+                _ => true,
+            },
+        }
     }
 
     /// Its dimensions as people write them: `3 × 2`.
@@ -76,7 +90,7 @@ impl fmt::Display for Variable {
 
 /// An element's content in the file.
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct Element {
+pub(super) struct Element {
     offset: u64,
     bytes: u64,
     compressed: bool,
@@ -93,12 +107,20 @@ pub(super) struct Numbers {
     pub(super) inflated: Option<Source>,
 }
 
-/// A MATLAB v5 file, its header read.
+impl Numbers {
+    pub(super) fn none() -> Self {
+        Self { sample: Sample::F64, big_endian: false, offset: 0, inflated: Some(Source::Memory(Vec::new())) }
+    }
+}
+
+/// A MATLAB file, its header read.
 #[derive(Debug)]
 pub(super) struct MatFile {
     path: PathBuf,
     bytes: u64,
     big_endian: bool,
+    /// Of a file of version 7.3.
+    hdf5: Option<Hdf5File>,
 }
 
 impl MatFile {
@@ -110,19 +132,23 @@ impl MatFile {
         }
         let mut header = Vec::new();
         (&mut file).take(FILE_HEADER_BYTES as u64).read_to_end(&mut header).map_err(MatError::io(path))?;
-        if header.starts_with(HDF5_SIGNATURE) || header.starts_with(b"MATLAB 7.3") {
-            return Err(MatError::Version73 { file: path.to_owned() });
+        if is_hdf5(path) || header.starts_with(b"MATLAB 7.3") {
+            let hdf5 = Some(Hdf5File::open(path)?);
+            return Ok(Self { path: path.to_owned(), bytes, big_endian: false, hdf5 });
         }
         // Version 0x0100, then "MI" as a 16-bit number: which shows the file's byte order.
         let big_endian = match header.get(124..) {
             Some([0x00, 0x01, b'I', b'M']) => false,
             Some([0x01, 0x00, b'M', b'I']) => true,
-            _ => return Err(MatError::NotVersion5 { file: path.to_owned() }),
+            _ => return Err(MatError::NotMatlab { file: path.to_owned() }),
         };
-        Ok(Self { path: path.to_owned(), bytes, big_endian })
+        Ok(Self { path: path.to_owned(), bytes, big_endian, hdf5: None })
     }
 
     pub(super) fn variables(&self) -> Result<Vec<Variable>, MatError> {
+        if let Some(file) = &self.hdf5 {
+            return hdf5::variables(file);
+        }
         let mut variables = Vec::new();
         let mut offset = FILE_HEADER_BYTES as u64;
         while offset < self.bytes {
@@ -137,7 +163,8 @@ impl MatFile {
                 let header = header.map_err(MatError::reading(&self.path, &part))?;
                 if let Some(header) = header.filter(|header| !header.name.is_empty()) {
                     let Header { name, class, dimensions, complex } = header;
-                    variables.push(Variable { name, class, dimensions, complex, element });
+                    let storage = Storage::Version5(element);
+                    variables.push(Variable { name, class, dimensions, complex, storage });
                 }
             }
             if end > self.bytes {
@@ -151,9 +178,15 @@ impl MatFile {
 
     /// Finds a full variable's numbers; inflates them where they are compressed.
     pub(super) fn numbers(&self, variable: &Variable) -> Result<Numbers, MatError> {
+        let element = match &variable.storage {
+            Storage::Version5(element) => *element,
+            Storage::Hdf5(place) => {
+                return self.hdf5.as_ref().map_or(Ok(Numbers::none()), |file| hdf5::numbers(file, place));
+            }
+        };
         let part = format!("variable `{}`", variable.name);
         let reading = MatError::reading(&self.path, &part);
-        let mut content = self.after_header(variable).map_err(&reading)?;
+        let mut content = self.after_header(element).map_err(&reading)?;
         let tag = content.tag().map_err(&reading)?;
         let damaged =
             |reason: String| MatError::Damaged { file: self.path.clone(), variable: variable.name.clone(), reason };
@@ -170,8 +203,8 @@ impl MatFile {
                 variable.dimensions_text()
             )));
         }
-        if tag.packed.is_none() && !variable.element.compressed {
-            let offset = variable.element.offset + content.consumed;
+        if tag.packed.is_none() && !element.compressed {
+            let offset = element.offset + content.consumed;
             if offset + expected > self.bytes {
                 return Err(reading(io::ErrorKind::UnexpectedEof.into()));
             }
@@ -181,12 +214,18 @@ impl MatFile {
         Ok(Numbers { sample, big_endian: self.big_endian, offset: 0, inflated: Some(inflated) })
     }
 
-    /// All numbers of a full variable, column after column.
-    pub(super) fn full(&self, variable: &Variable) -> Result<Vec<f64>, MatError> {
+    /// All numbers of a full variable, column after column, `most` at most.
+    pub(super) fn full(&self, variable: &Variable, most: u64) -> Result<Vec<f64>, MatError> {
+        let element = match &variable.storage {
+            Storage::Version5(element) => *element,
+            Storage::Hdf5(place) => {
+                return self.hdf5.as_ref().map_or(Ok(Vec::new()), |file| hdf5::full(file, place, most));
+            }
+        };
         let part = format!("variable `{}`", variable.name);
         let reading = MatError::reading(&self.path, &part);
         self.numbers(variable)?; // checks type and size
-        self.after_header(variable).and_then(|mut content| content.values(u64::MAX)).map_err(&reading)
+        self.after_header(element).and_then(|mut content| content.values(most)).map_err(&reading)
     }
 
     /// Hands out the entries of a sparse variable of so many rows and columns: row and column from 0, and value. No more is read than so
@@ -197,24 +236,26 @@ impl MatFile {
         [rows, columns]: [u64; 2],
         on_entry: &mut dyn FnMut(usize, usize, f64) -> Result<(), MatError>,
     ) -> Result<(), MatError> {
+        let damaged = |reason: String| {
+            let (file, variable) = (self.path.clone(), variable.name.clone());
+            MatError::Damaged { file, variable, reason }
+        };
+        let element = match &variable.storage {
+            Storage::Version5(element) => *element,
+            Storage::Hdf5(place) => {
+                let Some(file) = &self.hdf5 else { return Ok(()) };
+                return hdf5::sparse(file, place, [rows, columns], on_entry, damaged);
+            }
+        };
         let part = format!("variable `{}`", variable.name);
         let reading = MatError::reading(&self.path, &part);
         let most = rows.saturating_mul(columns);
-        let mut content = self.after_header(variable).map_err(&reading)?;
+        let mut content = self.after_header(element).map_err(&reading)?;
         // MATLAB writes one entry where there is none.
         let row_numbers = content.values(most.max(1)).map_err(&reading)?;
-        let column_starts = content.values(columns.saturating_add(1)).map_err(&reading)?;
+        let starts = content.values(columns.saturating_add(1)).map_err(&reading)?;
         let values = content.values(most.max(1)).map_err(&reading)?;
-        for (column, bounds) in column_starts.windows(2).enumerate() {
-            let (start, end) = (bounds[0] as usize, bounds[1] as usize);
-            let (Some(rows), Some(values)) = (row_numbers.get(start..end), values.get(start..end)) else {
-                let reason = format!("column {} of the sparse matrix has no entries {start} to {end}", column + 1);
-                let (file, variable) = (self.path.clone(), variable.name.clone());
-                return Err(MatError::Damaged { file, variable, reason });
-            };
-            rows.iter().zip(values).try_for_each(|(row, value)| on_entry(*row as usize, column, *value))?;
-        }
-        Ok(())
+        sparse_columns(&row_numbers, &starts, &values, on_entry, damaged)
     }
 
     fn tag_at(&self, offset: u64) -> io::Result<Tag> {
@@ -244,11 +285,30 @@ impl MatFile {
     }
 
     /// A variable's content from behind its header on.
-    fn after_header(&self, variable: &Variable) -> io::Result<Content> {
-        let mut content = self.content(variable.element)?;
+    fn after_header(&self, element: Element) -> io::Result<Content> {
+        let mut content = self.content(element)?;
         content.variable_header()?;
         Ok(content)
     }
+}
+
+/// Hands out the entries of a sparse matrix of compressed columns: row and column from 0, and value.
+pub(super) fn sparse_columns(
+    rows: &[f64],
+    starts: &[f64],
+    values: &[f64],
+    on_entry: &mut dyn FnMut(usize, usize, f64) -> Result<(), MatError>,
+    damaged: impl Fn(String) -> MatError,
+) -> Result<(), MatError> {
+    for (column, bounds) in starts.windows(2).enumerate() {
+        let (start, end) = (bounds[0] as usize, bounds[1] as usize);
+        let (Some(rows), Some(values)) = (rows.get(start..end), values.get(start..end)) else {
+            let column = column + 1;
+            return Err(damaged(format!("column {column} of the sparse matrix has no entries {start} to {end}")));
+        };
+        rows.iter().zip(values).try_for_each(|(row, value)| on_entry(*row as usize, column, *value))?;
+    }
+    Ok(())
 }
 
 /// An element's tag. Up to four bytes of content can be packed into the tag itself.

@@ -133,10 +133,10 @@ fn what_is_wrong_with_a_file_is_named() {
     check(&PLAIN.file(&[]), &["no matrix", "no variables"]);
     check(&PLAIN.file(&[PLAIN.matrix("fs", 1, 1, &[50.0])]), &["no matrix", "`fs` (1 × 1"]);
     check(b"", &["a.mat is empty"]);
-    check(b"1 2 3", &["not a MATLAB v5 file", "'-v7'"]);
+    check(b"1 2 3", &["not a MATLAB file of version 5 or 7.3", "'-v7'"]);
     let mut hdf5 = b"MATLAB 7.3 MAT-file, Platform".to_vec();
     hdf5.resize(1000, 0);
-    check(&hdf5, &["v7.3", "HDF5", "'-v7'"]);
+    check(&hdf5, &["a.mat", "not an HDF5 file", "'-v7.3'"]);
     let whole = PLAIN.file(std::slice::from_ref(&a));
     check(&whole[..whole.len() - 8], &["a.mat is cut short", "variable `a`"]);
     check(&whole[..140], &["a.mat is cut short", "byte 128"]);

@@ -2,6 +2,8 @@
 
 mod arrays;
 mod csv;
+mod foreign;
+mod hdf5;
 mod matlab;
 mod parquet;
 mod properties;

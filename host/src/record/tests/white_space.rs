@@ -92,7 +92,7 @@ fn what_is_wrong_with_the_setup_is_named() {
     for (name, part) in [
         ("a.parquet", "Parquet"),
         ("a.uff", "dataset 58"),
-        ("a.wav", ".npy, .mat, .parquet"),
+        ("a.doc", ".npy, .mat, .parquet"),
         ("a", ".npy, .mat, .parquet"),
     ] {
         expect_error(&setup(&["1"], &[name]), &[(name, b"1")], &[name, part]);
