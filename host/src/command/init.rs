@@ -1,6 +1,8 @@
-//! `belfry init`: a new study from a template.
+//! `belfry init`: a new study from a template, or from what recordings say of themselves.
 //!
 //! A folder's name flows in; the files of the study flow out. What is there already is never overwritten.
+
+mod from;
 
 use std::path::{Path, PathBuf};
 
@@ -11,6 +13,7 @@ use serde::Serialize;
 use super::Console;
 use super::text::{in_shell, next_lines};
 use crate::files::write_new;
+use crate::record::survey::survey;
 use crate::study::{STUDY_FILE, template};
 
 /// Make a new study: a folder with a study.toml to edit
@@ -22,6 +25,7 @@ Examples:
   belfry init turbine --template turbine  a wind turbine on a monopile, clamped at the mudline
   belfry init frame --template frame      a building frame of five storeys, matrices with a group a storey
   belfry init bridge --template bridge    a bridge of three spans, matrices with groups by span and bearing
+  belfry init mast --from mast/*.tdms     look into recordings, and write what they say of themselves
   belfry init . --json                    in this folder, and say what was written as JSON")]
 pub struct Arguments {
     /// Folder of the study; made where it does not exist
@@ -30,6 +34,9 @@ pub struct Arguments {
     /// What the study starts from
     #[arg(long, value_enum, default_value_t = Template::Blank)]
     pub template: Template,
+    /// Recordings to look into: their channels, rates, units and times become the study, and what they do not say is marked
+    #[arg(long, value_name = "FILE", num_args = 1.., conflicts_with = "template")]
+    pub from: Vec<PathBuf>,
 }
 
 /// What a new study starts from.
@@ -93,9 +100,9 @@ impl Template {
 }
 
 #[derive(Serialize)]
-struct Report {
+struct Report<'a> {
     study: String,
-    files: Vec<&'static str>,
+    files: Vec<&'a str>,
     next: String,
 }
 
@@ -105,7 +112,14 @@ struct Report {
 /// When one of the files exists already, or cannot be written.
 pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     let folder = &arguments.folder;
-    let files = arguments.template.files();
+    let (study, own);
+    let files: &[(&str, &str)] = if arguments.from.is_empty() {
+        arguments.template.files()
+    } else {
+        study = from::study(&survey(arguments.from.clone())?, folder);
+        own = [(STUDY_FILE, study.as_str())];
+        &own
+    };
     refuse_existing(folder, files)?;
     std::fs::create_dir_all(folder)
         .with_context(|| format!("cannot make the folder {}; name one that you may write to", folder.display()))?;
@@ -115,7 +129,12 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
         write_new(&path, content.as_bytes()).with_context(|| format!("cannot write {}", path.display()))?;
     }
 
-    let to_do = arguments.template.to_do(folder);
+    let to_do = if arguments.from.is_empty() {
+        arguments.template.to_do(folder)
+    } else {
+        let file = folder.join(STUDY_FILE);
+        format!("Complete the lines with {} in {}: what the recordings do not say.", from::TO_DO, file.display())
+    };
     let next = arguments.template.next(folder);
     console.say(format_args!("New study in {}", folder.display()));
     for (name, _) in files {

@@ -56,6 +56,8 @@ pub(super) struct Channel {
     pub(super) scale: [f64; 2],
     /// In the order of time, none over another.
     pub(super) stretches: Vec<Stretch>,
+    /// The file's word for its unit.
+    pub(super) unit: Option<String>,
 }
 
 impl Channel {
@@ -71,6 +73,8 @@ pub(super) struct ChannelReader {
     sources: Vec<(PathBuf, Source)>,
     channels: Vec<Channel>,
     has_names: bool,
+    /// When the first row was, in nanoseconds since 1970, where files say it.
+    start_ns: Option<i64>,
     progress: Progress,
     /// The next stretch of each channel that may reach into the rows to come.
     next: Vec<usize>,
@@ -102,6 +106,7 @@ impl ChannelReader {
             sources,
             channels,
             has_names,
+            start_ns: None,
             progress: Progress::new(rows),
             next,
             window: None,
@@ -121,6 +126,20 @@ impl ChannelReader {
             }
         }
         Ok(reader)
+    }
+
+    /// The same with a time of its first row.
+    pub(super) fn from(self, start_ns: i64) -> Self {
+        Self { start_ns: Some(start_ns), ..self }
+    }
+
+    pub(super) fn start_ns(&self) -> Option<i64> {
+        self.start_ns
+    }
+
+    /// Its channels' rates and units, as its files have them.
+    pub(super) fn said(&self) -> Vec<(Option<f64>, Option<String>)> {
+        self.channels.iter().map(|channel| (channel.rate_hz, channel.unit.clone())).collect()
     }
 
     /// The columns of what it reads.

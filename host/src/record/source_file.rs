@@ -2,6 +2,8 @@
 //!
 //! Paths flow in; the file's columns, its number of rows, or a reader that starts at its first row flow out.
 
+use std::fs::File;
+use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use super::array::ArrayReader;
@@ -22,6 +24,7 @@ use crate::study::Setup;
 enum Format {
     WhiteSpace,
     Csv,
+    Toa5,
     Npy,
     Mat,
     Hdf5,
@@ -31,6 +34,13 @@ enum Format {
     Sac,
     MiniSeed,
     Tdms,
+}
+
+/// What a file says of its channels, in their order; nothing of one whose format has no place for it.
+#[derive(Debug, Default)]
+pub(super) struct Said {
+    pub(super) channels: Vec<(Option<f64>, Option<String>)>,
+    pub(super) start_ns: Option<i64>,
 }
 
 /// One of a setup's files, its format known by its ending; or several, where each has a channel or a part of one.
@@ -73,9 +83,37 @@ impl SourceFile {
 
     fn new(path: PathBuf) -> Result<Self, RecordError> {
         match format_of(&path) {
+            Some(Format::WhiteSpace | Format::Csv) if is_toa5(&path) => {
+                Ok(Self { path, beside: Vec::new(), format: Format::Toa5 })
+            }
             Some(format) => Ok(Self { path, beside: Vec::new(), format }),
             None => Err(RecordError::UnknownEnding { file: path }),
         }
+    }
+
+    /// Each channel's rate and unit, and when the first row was, where the format has a place for it.
+    pub(super) fn said(&self, setup: &Setup) -> Result<Said, RecordError> {
+        let of_channels = |reader: ChannelReader| Said { channels: reader.said(), start_ns: reader.start_ns() };
+        Ok(match self.format {
+            Format::Hdf5 => Said { channels: Hdf5Recording::open(&self.path, setup)?.said(), start_ns: None },
+            Format::Wav => of_channels(wav::open(&self.path, setup)?),
+            Format::Tdms => of_channels(tdms::open(&self.path, setup)?),
+            Format::Sac | Format::MiniSeed => of_channels(self.traces(setup)?),
+            Format::Uff => {
+                let reader = UffReader::open(&self.path, setup)?;
+                let rates = reader.rates_hz().into_iter().map(Some);
+                let units = reader.units().into_iter().map(|unit| Some(unit?.to_owned()));
+                Said { channels: rates.zip(units).collect(), start_ns: None }
+            }
+            Format::WhiteSpace | Format::Csv | Format::Toa5 | Format::Npy | Format::Mat | Format::Parquet => {
+                Said::default()
+            }
+        })
+    }
+
+    /// The files that it stands for.
+    pub(super) fn paths(&self) -> impl Iterator<Item = &Path> {
+        std::iter::once(&self.path).chain(&self.beside).map(PathBuf::as_path)
     }
 
     /// The file's columns; finds what its first bytes or its size show to be wrong.
@@ -83,6 +121,7 @@ impl SourceFile {
         match self.format {
             Format::WhiteSpace => TextReader::open_white_space(&self.path)?.inspect(setup.sampling_rate_hz),
             Format::Csv => TextReader::open_csv(&self.path, &setup.sensors)?.inspect(setup.sampling_rate_hz),
+            Format::Toa5 => TextReader::open_toa5(&self.path, &setup.sensors)?.inspect(setup.sampling_rate_hz),
             Format::Npy => Ok(Columns::Numbered(npy::open(&self.path)?.columns())),
             Format::Mat => Ok(Columns::Numbered(mat::recording_shape(&self.path, setup.variable.as_deref())?.columns)),
             Format::Hdf5 => Ok(Hdf5Recording::open(&self.path, setup)?.columns()),
@@ -98,6 +137,7 @@ impl SourceFile {
         Ok(match self.format {
             Format::WhiteSpace => Box::new(TextReader::open_white_space(&self.path)?),
             Format::Csv => Box::new(TextReader::open_csv(&self.path, &setup.sensors)?),
+            Format::Toa5 => Box::new(TextReader::open_toa5(&self.path, &setup.sensors)?),
             Format::Npy => Box::new(npy::open(&self.path)?),
             Format::Mat => Box::new(self.open_mat(setup)?),
             Format::Hdf5 => Hdf5Recording::open(&self.path, setup)?.reader(setup)?,
@@ -118,6 +158,7 @@ impl SourceFile {
         match self.format {
             Format::WhiteSpace => TextReader::open_white_space(&self.path)?.count_rows(clock),
             Format::Csv => TextReader::open_csv(&self.path, &setup.sensors)?.count_rows(clock),
+            Format::Toa5 => TextReader::open_toa5(&self.path, &setup.sensors)?.count_rows(clock),
             Format::Npy => Ok(npy::open(&self.path)?.rows()),
             Format::Mat => Ok(mat::recording_shape(&self.path, setup.variable.as_deref())?.rows),
             Format::Hdf5 => Ok(Hdf5Recording::open(&self.path, setup)?.rows()),
@@ -147,6 +188,12 @@ fn format_of(path: &Path) -> Option<Format> {
         "mseed" | "miniseed" | "ms" | "mseed3" | "ms3" => Format::MiniSeed,
         _ => return None,
     })
+}
+
+/// Whether a text file begins as one of a Campbell logger.
+fn is_toa5(path: &Path) -> bool {
+    let mut start = [0; 6];
+    File::open(path).and_then(|mut file| file.read_exact(&mut start)).is_ok() && start == *b"\"TOA5\""
 }
 
 /// Checks that no two files differ in their columns and returns those of the first.

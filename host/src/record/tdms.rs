@@ -77,8 +77,11 @@ pub(super) fn open(path: &Path, setup: &Setup) -> Result<ChannelReader, RecordEr
             Err(_) => [1.0, 0.0],
         };
         let step_s = object.properties.get("wf_increment").and_then(Property::number).filter(|step_s| *step_s > 0.0);
-        let stretches = if wanted.contains(&index) { object.stretches.clone() } else { Vec::new() };
-        read.push(Channel { name, rate_hz: step_s.map(f64::recip), scale, stretches });
+        // Without sensors the file is looked into, not read.
+        let is_wanted = wanted.contains(&index) || setup.sensors.is_empty();
+        let stretches = if is_wanted { object.stretches.clone() } else { Vec::new() };
+        let unit = object.properties.get("unit_string").and_then(Property::text).map(str::to_owned);
+        read.push(Channel { name, rate_hz: step_s.map(f64::recip), scale, stretches, unit });
     }
     ChannelReader::new(vec![(path.to_owned(), Source::File(file))], read, true, setup)
 }

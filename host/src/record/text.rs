@@ -1,4 +1,4 @@
-//! Text recordings: white space without a header (`.txt`, `.asc`, `.dat`) and CSV with one (`.csv`).
+//! Text recordings: white space without a header (`.txt`, `.asc`, `.dat`), CSV with one (`.csv`), and TOA5 of Campbell's loggers (`.dat`).
 //!
 //! Lines flow in, rows of the setup's channels flow out; where a CSV has a time column, rows of NaN stand for the rows
 //! that it says are missing.
@@ -11,11 +11,13 @@ use super::error::{At, FilePosition, RecordError, quoted};
 use super::lines::Lines;
 use super::number::parse_number;
 use super::row_reader::{RowReader, Rows};
+use super::stamp;
 use crate::study::Sensor;
 
 /// Rows read ahead to compare a time column with the sampling rate.
 const ROWS_TO_CHECK: usize = 1024;
 const WHITE_SPACE_HINT: &str = "expected numbers with a decimal point between blanks; a header line must start with #, and a missing sample is NaN";
+const STAMP_HINT: &str = "expected a date and a time of day such as 2026-03-01 12:00:00.05";
 const CSV_HINT: &str = "expected a number with a decimal point; leave the cell empty where the sample is missing";
 
 /// What stands between two cells.
@@ -30,6 +32,8 @@ enum Separator {
 struct TimeColumn {
     column: usize,
     name: String,
+    /// Whether it holds dates and times of day instead of seconds.
+    is_stamp: bool,
 }
 
 /// Reads one text file row by row.
@@ -75,16 +79,39 @@ impl TextReader {
         let count = |separator: u8| lines.line().iter().filter(|byte| **byte == separator).count();
         let separator = [b'\t', b';', b','].into_iter().max_by_key(|separator| count(*separator)).unwrap_or(b',');
         let mut reader = Self::new(lines, Separator::Byte(separator));
-        reader.split()?;
+        reader.take_names(sensors)?;
+        Ok(reader)
+    }
+
+    /// Opens a file of a Campbell logger: four lines of header, the second with the names; a column of dates and times.
+    pub(super) fn open_toa5(path: &Path, sensors: &[Sensor]) -> Result<Self, RecordError> {
+        let mut reader = Self::new(Lines::open(path, b"")?, Separator::Byte(b','));
+        for line in 1..=4 {
+            if !reader.lines.advance()? {
+                return Err(RecordError::Empty { file: path.to_owned() });
+            }
+            if line == 2 {
+                reader.take_names(sensors)?;
+            }
+        }
+        if let Some(time) = &mut reader.time {
+            time.is_stamp = true;
+        }
+        Ok(reader)
+    }
+
+    /// Takes the line reached for the names of columns.
+    fn take_names(&mut self, sensors: &[Sensor]) -> Result<(), RecordError> {
+        self.split()?;
         let names: Vec<String> =
-            (0..reader.cell_count()).map(|cell| String::from_utf8_lossy(reader.cell(cell)).into_owned()).collect();
-        reader.width = names.len();
-        reader.time = names
+            (0..self.cell_count()).map(|cell| String::from_utf8_lossy(self.cell(cell)).into_owned()).collect();
+        self.width = names.len();
+        self.time = names
             .iter()
             .position(|name| is_time_column(name, sensors))
-            .and_then(|column| Some(TimeColumn { column, name: names.get(column)?.clone() }));
-        reader.names = Some(names);
-        Ok(reader)
+            .and_then(|column| Some(TimeColumn { column, name: names.get(column)?.clone(), is_stamp: false }));
+        self.names = Some(names);
+        Ok(())
     }
 
     fn new(lines: Lines, separator: Separator) -> Self {
@@ -261,6 +288,14 @@ impl TextReader {
 
     fn time_s(&self, time: &TimeColumn) -> Result<f64, RecordError> {
         let text = self.cell(time.column);
+        if time.is_stamp {
+            return stamp::seconds(text).ok_or_else(|| RecordError::NotANumber {
+                position: self.lines.position(),
+                channel: time.name.clone(),
+                text: quoted(text),
+                hint: STAMP_HINT,
+            });
+        }
         parse_number(text).filter(|time_s| time_s.is_finite()).ok_or_else(|| RecordError::TimeNotSeconds {
             position: self.lines.position(),
             column: time.name.clone(),

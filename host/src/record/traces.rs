@@ -59,7 +59,8 @@ impl Traces {
     pub(super) fn reader(mut self, setup: &Setup) -> Result<ChannelReader, RecordError> {
         let first_file = self.sources.first().map(|(path, _)| path.clone()).unwrap_or_default();
         let columns = Columns::Paths(self.names.clone());
-        let mut is_wanted = vec![false; self.names.len()];
+        // Without sensors the files are looked into, not read.
+        let mut is_wanted = vec![setup.sensors.is_empty(); self.names.len()];
         for sensor in &setup.sensors {
             if let Some(wanted) = is_wanted.get_mut(columns.find(&sensor.channel, &first_file)?) {
                 *wanted = true;
@@ -72,7 +73,13 @@ impl Traces {
         let mut channels: Vec<Channel> = self
             .names
             .iter()
-            .map(|name| Channel { name: name.clone(), rate_hz: None, scale: [1.0, 0.0], stretches: Vec::new() })
+            .map(|name| Channel {
+                name: name.clone(),
+                rate_hz: None,
+                scale: [1.0, 0.0],
+                stretches: Vec::new(),
+                unit: None,
+            })
             .collect();
         // When the sample behind each channel's last is due, and how many rows its clock is ahead of the grid.
         let mut due: Vec<Option<(i64, f64)>> = vec![None; channels.len()];
@@ -119,7 +126,7 @@ impl Traces {
             );
             return Err(RecordError::Format { file: first_file, reason });
         }
-        ChannelReader::new(self.sources, channels, true, setup)
+        Ok(ChannelReader::new(self.sources, channels, true, setup)?.from(start_ns))
     }
 }
 
@@ -135,7 +142,7 @@ pub(super) fn unix_ns(year: i64, day: i64, [hours, minutes, seconds]: [i64; 3], 
 }
 
 /// A time as people read it.
-fn utc(ns: i64) -> String {
+pub(super) fn utc(ns: i64) -> String {
     let since = |ns: u64| std::time::UNIX_EPOCH.checked_add(std::time::Duration::from_nanos(ns));
     let time = u64::try_from(ns).ok().and_then(since);
     time.map_or_else(|| "a time before 1970".to_owned(), |time| humantime::format_rfc3339_millis(time).to_string())

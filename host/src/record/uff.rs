@@ -49,6 +49,8 @@ impl UffReader {
             first = first.or(Some(response));
         }
         let rows = first.map_or(0, |response| response.count);
+        // Without sensors it is looked into, not read.
+        let rows = if setup.sensors.is_empty() { responses.first().map_or(0, |response| response.count) } else { rows };
         if rows == 0 {
             return Err(RecordError::Empty { file: path.to_owned() });
         }
@@ -60,6 +62,22 @@ impl UffReader {
     /// The file's channels.
     pub(super) fn columns(&self) -> Columns {
         columns_of(&self.responses)
+    }
+
+    /// Its channels' samples a second.
+    pub(super) fn rates_hz(&self) -> Vec<f64> {
+        self.responses.iter().map(|response| response.step_s.recip()).collect()
+    }
+
+    /// What the ordinates of its channels stand for, where they say it.
+    pub(super) fn units(&self) -> Vec<Option<&'static str>> {
+        let unit = |response: &TimeResponse| match response.ordinate {
+            dataset::ACCELERATION => Some("m/s2"),
+            dataset::VELOCITY => Some("m/s"),
+            dataset::DISPLACEMENT => Some("m"),
+            _ => None,
+        };
+        self.responses.iter().map(unit).collect()
     }
 
     pub(super) fn rows(&self) -> u64 {

@@ -105,6 +105,7 @@ fn reader(
             rate_hz: Some(f64::from(format.rate_hz)),
             scale: [format.scale, 0.0],
             stretches: vec![Stretch { row: 0, count: rows, source: 0, offset, form }],
+            unit: None,
         }
     };
     let channels = (0..u64::from(format.channels)).map(channel).collect();

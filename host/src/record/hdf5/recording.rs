@@ -80,7 +80,7 @@ impl Hdf5Recording {
         };
         let wrong = |reason: String| RecordError::Format { file: path.to_owned(), reason };
         let (rows, parts) = match matrices[..] {
-            [object] if !are_named || channels.is_empty() => {
+            [object] if !are_named || channels.is_empty() || setup.sensors.is_empty() => {
                 let long: Vec<u64> = lengths(object).iter().copied().filter(|length| *length > 1).collect();
                 let [first, second] = long[..] else {
                     return Err(wrong("a dataset without two dimensions".to_owned()));
@@ -90,7 +90,7 @@ impl Hdf5Recording {
                 let columns = usize::try_from(columns).map_err(|_| wrong(format!("{columns} channels")))?;
                 (rows, Parts::Matrix { object: Box::new(object.clone()), columns, row_by_row, rate_hz: rate(object) })
             }
-            [_, _, ..] if !are_named || channels.is_empty() => {
+            [_, _, ..] if !are_named || channels.is_empty() || setup.sensors.is_empty() => {
                 return Err(wrong(format!("several matrices: say which with `variable`, one of {}", named(&matrices))));
             }
             _ if channels.is_empty() => {
@@ -104,7 +104,9 @@ impl Hdf5Recording {
             _ => (rows, Parts::Channels(channels.iter().map(|object| ((*object).clone(), rate(object))).collect())),
         };
         let recording = Self { path: path.to_owned(), file, rows, parts };
-        if let Parts::Matrix { rate_hz: Some(measured_hz), object, .. } = &recording.parts {
+        if let (Parts::Matrix { rate_hz: Some(measured_hz), object, .. }, false) =
+            (&recording.parts, setup.sensors.is_empty())
+        {
             let stated_hz = setup.sampling_rate_hz;
             let deviation = (measured_hz / stated_hz - 1.0).abs();
             if deviation.is_nan() || deviation > RATE_TOLERANCE {
@@ -112,10 +114,23 @@ impl Hdf5Recording {
                 return Err(RecordError::StatedRate { file, channel, measured_hz: *measured_hz, stated_hz });
             }
         }
-        if let Some(times) = times.first().filter(|times| count(times) == rows) {
+        // Without sensors the file is looked into, not read.
+        if let Some(times) = times.first().filter(|times| count(times) == rows && !setup.sensors.is_empty()) {
             recording.check_times(times, setup.sampling_rate_hz)?;
         }
         Ok(recording)
+    }
+
+    /// Its channels' rates and units, as attributes give them.
+    pub(in crate::record) fn said(&self) -> Vec<(Option<f64>, Option<String>)> {
+        const UNITS: [&str; 4] = ["units", "unit", "Unit", "Units"];
+        let said = |object: &Object, rate_hz: Option<f64>| {
+            (rate_hz, UNITS.iter().find_map(|name| object.text(name)).map(str::to_owned))
+        };
+        match &self.parts {
+            Parts::Matrix { object, columns, rate_hz, .. } => vec![said(object, *rate_hz); *columns],
+            Parts::Channels(channels) => channels.iter().map(|(object, rate_hz)| said(object, *rate_hz)).collect(),
+        }
     }
 
     pub(in crate::record) fn rows(&self) -> u64 {
@@ -169,7 +184,7 @@ impl Hdf5Recording {
                         ));
                         sources.push((self.path.clone(), numbers.source));
                     }
-                    channels.push(Channel { name: object.path, rate_hz, scale: [1.0, 0.0], stretches });
+                    channels.push(Channel { name: object.path, rate_hz, scale: [1.0, 0.0], stretches, unit: None });
                 }
                 Ok(Box::new(ChannelReader::new(sources, channels, true, setup)?))
             }

@@ -161,7 +161,7 @@ pub(super) fn read_object(
             _ => return Err(format!("its property `{}` is of type {kind:#x}", name.escape_debug())),
         };
         // Those that say how to read it; a file may have thousands of others.
-        let is_used = name == "wf_increment" || name.starts_with("NI_");
+        let is_used = matches!(name.as_str(), "wf_increment" | "unit_string") || name.starts_with("NI_");
         if let (Some(property), true) = (property, is_used) {
             properties.insert(name, property);
         }

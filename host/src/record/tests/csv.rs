@@ -161,3 +161,25 @@ fn time_that_is_none_is_named() {
     // A sensor may be called t.
     assert_eq!(rows_of(&setup(&["t"], &["a.csv"]), "a.csv", b"t\n5\n5\n4\n"), [[5.0], [5.0], [4.0]]);
 }
+
+/// As the manual of Campbell's LoggerNet lays TOA5 out: station, names, units and processing, then rows; NAN in quotes.
+#[test]
+fn toa5_of_campbell_goes_by_its_times_of_day() {
+    let text = "\"TOA5\",\"mast\",\"CR1000X\",\"1234\",\"CR1000X.Std.05.01\",\"CPU:mast.CR1X\",\"4711\",\"fast\"\r\n\
+        \"TIMESTAMP\",\"RECORD\",\"acc_x\",\"acc_y\"\r\n\"TS\",\"RN\",\"m/s^2\",\"m/s^2\"\r\n\"\",\"\",\"Smp\",\"Smp\"\r\n\
+        \"2026-02-28 23:59:59.96\",0,0.5,-1.25\r\n\"2026-02-28 23:59:59.98\",1,\"NAN\",2.5\r\n\"2026-03-01 00:00:00\",2,3,4\r\n\
+        \"2026-03-01 00:00:00.06\",5,5,6\r\n";
+    let (rows, report) =
+        read(&setup(&["acc_y", "acc_x"], &["a.dat"]), folder(&[("a.dat", text.as_bytes())]).path()).unwrap();
+    assert_eq!(rows.len(), 6);
+    assert_eq!([&rows[0][..], &rows[2], &rows[5]], [[-1.25, 0.5], [4.0, 3.0], [6.0, 5.0]]);
+    assert!(rows[1][1].is_nan() && rows[3][0].is_nan() && rows[4][0].is_nan());
+    assert_eq!(report.filled_rows, 2);
+    let slow = Setup { sampling_rate_hz: 10.0, ..setup(&["acc_x"], &["a.dat"]) };
+    expect_error(&slow, &[("a.dat", text.as_bytes())], &["a.dat", "`TIMESTAMP`", "50.0000 Hz"]);
+    let damaged = text.replace("2026-03-01 00:00:00\"", "2026-03-41 00:00:00\"");
+    expect_error(&setup(&["acc_x"], &["a.dat"]), &[("a.dat", damaged.as_bytes())], &["a.dat, line 7", "2026-03-41"]);
+    for length in 0..text.len() {
+        let _ = read(&setup(&["acc_x"], &["a.dat"]), folder(&[("a.dat", &text.as_bytes()[..length])]).path());
+    }
+}
