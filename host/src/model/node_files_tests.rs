@@ -80,6 +80,7 @@ fn lines_of_abaqus_keep_to_the_rows_of_the_stiffness_matrix() {
         typical: None,
         least: None,
         greatest: None,
+        tied_to: None,
         group: Some(GroupTerms { std: 0.1, span_m: None }),
     };
     let change = Custom::read_whole(&group, folder.path(), &known).unwrap().in_full();

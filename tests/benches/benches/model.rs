@@ -10,7 +10,7 @@ use std::time::Duration;
 use belfry_host::compare::{ModelView, Pair, Tolerance, compare};
 use belfry_host::model::{BeamTable, Structure};
 use belfry_host::modes::{MeasuredMode, MeasuredShape};
-use belfry_host::study::{Model, ModelSource, Study, template};
+use belfry_host::study::{Drawing, Model, ModelSource, Study, template};
 use belfry_host::update::{Problem, Weights, solve, updated};
 use criterion::{Criterion, criterion_group, criterion_main};
 use nalgebra::DVector;
@@ -82,6 +82,7 @@ fn update(criterion: &mut Criterion) {
         customs: Vec::new(),
         runs: Vec::new(),
         prior_odds: Vec::new(),
+        drawing: Drawing::default(),
     };
     criterion.bench_function("comparison with the model's tolerance, 37 segments", |bencher| {
         bencher.iter(|| {
