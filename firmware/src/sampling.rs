@@ -74,11 +74,19 @@ impl<S: SpiDevice> Fetcher<S> {
         }
     }
 
+    /// Whether there is a sensor to be started anew: [`take_lost`](Self::take_lost) takes longer.
+    #[inline]
+    pub fn has_lost(&self) -> bool {
+        self.sensor.is_some() && (self.temperature_centi_c.is_none() || self.stale_in_a_row >= MOST_STALE)
+    }
+
     /// The bus of a sensor that no longer answers, or takes no samples: it may have lost its supply, or the wire to its DRDY pin.
     pub fn take_lost(&mut self) -> Option<S> {
-        let is_lost = self.temperature_centi_c.is_none() || self.stale_in_a_row >= MOST_STALE;
-        self.temperature_centi_c = self.temperature_centi_c.filter(|_| !is_lost);
-        Some(self.sensor.take_if(|_| is_lost)?.release())
+        if !self.has_lost() {
+            return None;
+        }
+        self.temperature_centi_c = None;
+        Some(self.sensor.take()?.release())
     }
 
     /// The sensor's temperature in units of 0.01 °C; `None` where none answers.

@@ -174,7 +174,10 @@ impl Sampler {
             return;
         }
         self.looked = Some(now);
-        if let Some(bus) = with_shared(|shared| shared.fetcher.take_lost()).flatten() {
+        // Samples that come meanwhile wait: the question is short, what follows is not and comes when none are good.
+        if with_shared(|shared| shared.fetcher.has_lost()) == Some(true)
+            && let Some(bus) = with_shared(|shared| shared.fetcher.take_lost()).flatten()
+        {
             self.bus = Some(bus);
         }
         let Some(bus) = self.bus.take() else { return };
