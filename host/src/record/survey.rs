@@ -193,5 +193,7 @@ mod tests {
         assert_eq!(names(&found[0]), ["XX.MAST.00.HNX", "XX.MAST.00.HNY"]);
         assert_eq!(found[0].start_utc.as_deref(), Some("2026-03-01T12:00:00.000Z"));
         assert_eq!(found[1].rows, 600);
+        let parts = look(&["obspy_part1.mseed", "obspy_part2.mseed"]);
+        assert_eq!((parts.len(), parts[0].rows, parts[0].rate_hz), (1, 300, Some(50.0)));
     }
 }

@@ -59,8 +59,8 @@ impl Traces {
     pub(super) fn reader(mut self, setup: &Setup) -> Result<ChannelReader, RecordError> {
         let first_file = self.sources.first().map(|(path, _)| path.clone()).unwrap_or_default();
         let columns = Columns::Paths(self.names.clone());
-        // Without sensors the files are looked into, not read.
-        let mut is_wanted = vec![setup.sensors.is_empty(); self.names.len()];
+        let is_read = !setup.sensors.is_empty();
+        let mut is_wanted = vec![!is_read; self.names.len()];
         for sensor in &setup.sensors {
             if let Some(wanted) = is_wanted.get_mut(columns.find(&sensor.channel, &first_file)?) {
                 *wanted = true;
@@ -83,12 +83,14 @@ impl Traces {
             .collect();
         // When the sample behind each channel's last is due, and how many rows its clock is ahead of the grid.
         let mut due: Vec<Option<(i64, f64)>> = vec![None; channels.len()];
-        let mut missing = 0;
+        let mut missing: u64 = 0;
         for piece in &self.pieces {
             let file = || self.sources.get(piece.source).map(|(path, _)| path.clone()).unwrap_or_default();
             let wrong = |reason: String| Err(RecordError::Format { file: file(), reason });
             let (Some(channel), Some(due)) = (channels.get_mut(piece.name), due.get_mut(piece.name)) else { continue };
-            let rows = (piece.start_ns.saturating_sub(start_ns)) as f64 / NS * rate_hz;
+            // Where files are only looked into, each trace has a grid of its own.
+            let grid_hz = if is_read { rate_hz } else { piece.rate_hz };
+            let rows = (piece.start_ns.saturating_sub(start_ns)) as f64 / NS * grid_hz;
             let late = due.map(|(due_ns, _)| piece.start_ns.saturating_sub(due_ns) as f64 / NS * piece.rate_hz);
             let end = channel.end();
             let row = match late {
@@ -103,7 +105,7 @@ impl Traces {
                     utc(piece.start_ns)
                 ));
             }
-            missing += row - end;
+            missing = row.saturating_sub(end).saturating_add(missing);
             if missing > MOST_FILLED_ROWS || row.checked_add(piece.count).is_none() {
                 return wrong(format!(
                     "`{}` goes on at {} after a gap that is too long to fill; make setups of the parts",
@@ -119,7 +121,7 @@ impl Traces {
         }
         let ahead = due.iter().flatten().map(|(_, ahead)| *ahead);
         let (least, most) = ahead.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), one| (a.min(one), b.max(one)));
-        if most - least > 1.5 {
+        if is_read && most - least > 1.5 {
             let reason = format!(
                 "the clocks of its channels run apart: by {:.1} samples at the end; make setups of shorter parts",
                 most - least

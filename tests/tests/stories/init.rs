@@ -46,6 +46,30 @@ fn each_template_makes_a_study_that_loads() {
 }
 
 #[test]
+fn recordings_say_what_a_study_needs_and_what_they_do_not_say_is_marked() {
+    let parent = tempfile::tempdir().unwrap();
+    let recordings = belfry_tests::repository().join("host/tests-data");
+    let from = |folder: &Path, file: &str| init(folder, &["--from", recordings.join(file).to_str().unwrap()]);
+    let whole = parent.path().join("whole");
+    from(&whole, "h5py_channels.h5")
+        .assert()
+        .success()
+        .stdout(predicate::str::contains("Complete the lines with TODO"));
+    let study = Study::load(&whole).unwrap();
+    assert_eq!(study.setups[0].sampling_rate_hz, 50.0);
+    let channels: Vec<&str> = study.setups[0].sensors.iter().map(|sensor| sensor.channel.as_str()).collect();
+    assert_eq!(channels, ["run 1/top-x", "run 1/top-y"]);
+    // Numbers alone say neither.
+    let bare = parent.path().join("bare");
+    from(&bare, "same.npy").assert().success();
+    let needed = predicate::str::contains("study.toml").and(predicate::str::contains("sampling_rate_hz"));
+    belfry_command().arg("identify").arg(&bare).assert().code(1).stderr(needed);
+    let unknown = parent.path().join("unknown");
+    from(&unknown, "README.md").assert().code(1).stderr(predicate::str::contains("README.md: the ending says nothing"));
+    assert!(!unknown.exists());
+}
+
+#[test]
 fn a_study_that_is_there_is_named_and_left_as_it_is() {
     let folder = tempfile::tempdir().unwrap();
     for mine in [STUDY_FILE, "beam.csv"] {
