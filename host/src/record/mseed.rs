@@ -1,6 +1,6 @@
 //! miniSEED recordings of versions 2 and 3: records of one channel each, in any order, of one file or several.
 //!
-//! Formats are those of the "SEED Reference Manual" 2.4 and of the FDSN's "miniSEED 3". Heads of records are read on opening, 60 bytes kept of
+//! Formats are those of the "SEED Reference Manual" 2.4 and of the FDSN's "miniSEED 3". Heads of records are read on opening, some 150 bytes kept of
 //! each; samples when rows reach them. Of both compressions of Steim and of plain numbers.
 
 use std::fs::File;
