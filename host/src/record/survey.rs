@@ -173,6 +173,8 @@ mod tests {
             assert!(found[0].channels.iter().all(|channel| channel.unit == units), "{file}");
         }
         let tdms = &look(&["nptdms.tdms"])[0];
+        // Its channel of words is none.
+        assert_eq!(names(tdms), ["run 1/top-x", "run 1/top-y"]);
         assert_eq!(tdms.channels[0].unit, Some("m/s2"));
         assert_eq!(tdms.channels[0].unit_as_written.as_deref(), Some("m/s^2"));
         let numbers = &look(&["same.npy"])[0];

@@ -62,7 +62,12 @@ pub(super) fn open(path: &Path, setup: &Setup) -> Result<ChannelReader, RecordEr
     while offset < size {
         offset = scan.segment(&mut file, offset, size)?;
     }
-    let channels: Vec<&Object> = scan.objects.iter().filter(|object| object.index.is_some()).collect();
+    // Of a file that is only looked into, text and the like are none.
+    let is_channel = |object: &&Object| match &object.index {
+        Some(Index { kind: Kind::Other(_), .. }) => !setup.sensors.is_empty(),
+        index => index.is_some(),
+    };
+    let channels: Vec<&Object> = scan.objects.iter().filter(is_channel).collect();
     let names: Vec<String> = channels.iter().map(|object| name_of(&object.path)).collect();
     let columns = Columns::Paths(names.clone());
     let wanted: Vec<usize> =
