@@ -116,7 +116,12 @@ fn other_layouts_place_rows_by_node_and_direction() {
     let missing = frame.sensor_rows(&[sensor(3.0, 90.0, [5.0, 0.0])]).unwrap_err().to_string();
     assert!(missing.contains("no motion along Y there"), "{missing}");
     let nowhere = frame.sensor_rows(&[sensor(3.0, 0.0, [2.0, 0.0])]).unwrap_err().to_string();
-    assert!(nowhere.contains("no node stands at [2.0, 0.0, 3.0]") && nowhere.contains("the nearest, a"), "{nowhere}");
+    assert!(nowhere.contains("no node stands near [2.0, 0.0, 3.0]"), "{nowhere}");
+    assert!(nowhere.contains("the nearest is a at [0.0, 0.0, 3.0], 2.00 m away"), "{nowhere}");
+    // Within a tenth of the structure's size the nearest node's motion is taken.
+    let beside = [sensor(3.0, 0.0, [0.4, 0.0])];
+    near(frame.sensor_rows(&beside).unwrap()[(0, 0)], 1.0, 1e-12);
+    near(frame.beside_nodes(&beside)[0].distance_m, 0.4, 1e-12);
 
     for (text, expected) in [
         ("row,node,dof,z_m\n4,a,ux,3\n", "line 2, column `row`: `4` where a row of the matrices, 1 to 3"),
