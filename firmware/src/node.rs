@@ -688,7 +688,7 @@ impl<M: DerefMut<Target = Memory>, K: Keeper> Node<M, K> {
                 unsealed_messages: self.unsealed_messages,
                 stale_rows: self.stale_rows,
                 variance,
-                mean,
+                mean: Heartbeat::means_of(&mean),
             })
         } else {
             let (_, ring) = self.memory.arena.split(self.plan.as_ref().map_or(0, |plan| plan.cells));

@@ -50,4 +50,5 @@ pub mod study;
 pub mod table;
 pub mod trend;
 pub mod update;
+pub mod watch;
 pub mod window;

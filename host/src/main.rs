@@ -4,7 +4,7 @@ use std::process::ExitCode;
 
 use belfry_host::command::{
     Console, add, archive, change, collect, compare, covalidate, demo, diagnose, effects, export, history, identify,
-    init, key, plan, ports, profile, remove, replay, report, serve, simulate, update,
+    init, key, plan, ports, profile, remove, replay, report, serve, simulate, update, watch,
 };
 use clap::{Parser, Subcommand};
 
@@ -51,6 +51,7 @@ enum Command {
     Covalidate(covalidate::Arguments),
     Diagnose(diagnose::Arguments),
     Change(change::Arguments),
+    Watch(watch::Arguments),
     Profile(profile::Arguments),
     Add(add::Arguments),
     Remove(remove::Arguments),
@@ -80,6 +81,7 @@ fn main() -> ExitCode {
         Command::Covalidate(arguments) => covalidate::run(arguments, &console),
         Command::Diagnose(arguments) => diagnose::run(arguments, &console),
         Command::Change(arguments) => change::run(arguments, &console),
+        Command::Watch(arguments) => watch::run(arguments, &console),
         Command::Profile(arguments) => profile::run(arguments, &console),
         Command::Add(arguments) => add::run(arguments, &console),
         Command::Remove(arguments) => remove::run(arguments, &console),

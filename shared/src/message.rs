@@ -110,7 +110,7 @@ pub use acknowledgement::{Acknowledgement, Again, MAX_AGAIN};
 pub use clock::{ClockReply, ClockRequest};
 pub use configuration::{Band, Configuration, MAX_BANDS, MAX_CHANNELS, Refusal, RefusalReason, Summary};
 pub use greeting::Greeting;
-pub use heartbeat::{BoardState, Heartbeat, SensorState};
+pub use heartbeat::{BoardState, Heartbeat, MEAN_STEP_M_S2, SensorState};
 pub use hello::{Counters, Fault, FaultKind, Hello, Kept, MAX_FURTHER_FAULTS, MAX_PLACE_BYTES, Versions};
 pub use recording::{Fed, FeedPart, MAX_FEED, Replay};
 pub use window::{

@@ -15,6 +15,7 @@ mod npy;
 pub mod records;
 mod spectral;
 mod statistics;
+pub mod years;
 
 pub use canton::{CantonRun, run_canton};
 pub use footbridge::{FOOTBRIDGE_STIFFNESS, write_footbridge_study};

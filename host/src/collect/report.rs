@@ -160,7 +160,7 @@ impl PortReport {
                 .and_then(|heartbeat| heartbeat.board.temperature_centi_c)
                 .map(|centi_c| f64::from(centi_c) * 0.01),
             level_m_s2: heartbeat.map_or_else(Vec::new, |heartbeat| heartbeat.rms().to_vec()),
-            mean_m_s2: heartbeat.map_or_else(Vec::new, |heartbeat| heartbeat.mean.to_vec()),
+            mean_m_s2: heartbeat.map_or_else(Vec::new, |heartbeat| heartbeat.mean_m_s2().to_vec()),
             longest_fetch_us: heartbeat.map_or(0, |heartbeat| heartbeat.board.longest_fetch_us),
             sensors: heartbeat.map_or_else(Vec::new, |heartbeat| heartbeat.sensors.iter().map(wrong).collect()),
             peaks_hz: status.peaks_hz.clone(),

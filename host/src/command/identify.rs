@@ -82,7 +82,7 @@ impl MethodArgument {
 }
 
 /// An interval of a second at least.
-fn interval(text: &str) -> Result<Duration, String> {
+pub(super) fn interval(text: &str) -> Result<Duration, String> {
     match humantime::parse_duration(text) {
         Ok(duration) if duration >= Duration::from_secs(1) => Ok(duration),
         Ok(_) => Err("expected a second at least".to_owned()),

@@ -33,6 +33,7 @@ mod steps;
 mod text;
 mod trends;
 pub mod update;
+pub mod watch;
 
 use std::collections::HashSet;
 use std::io::{ErrorKind, IsTerminal, Write};

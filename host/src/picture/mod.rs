@@ -16,6 +16,7 @@ mod space;
 mod stabilisation;
 mod trends;
 mod units;
+mod watch;
 
 pub use canvas::PictureError;
 pub use change::change;
@@ -30,3 +31,4 @@ pub use singular::singular_values;
 pub use space::{SeenInSpace, comparison_in_space, shapes_in_space};
 pub use stabilisation::stabilisation;
 pub use trends::trends;
+pub use watch::watch;

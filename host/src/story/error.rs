@@ -76,6 +76,24 @@ pub enum StoryError {
     /// The folder of results.
     #[error(transparent)]
     Results(Box<ResultsError>),
+    /// There are no modes that a watch could follow.
+    #[error("{} has no modes to watch; run `belfry identify` first, over a week or more", file.display())]
+    NothingToWatch {
+        /// Where they would be.
+        file: PathBuf,
+    },
+    /// A watch goes on with another length of intervals.
+    #[error(
+        "the watch has intervals of {before_s} s until now, not of {every_s} s; go on with `--every {before_s}s`, or remove {} to begin anew", file.display()
+    )]
+    OtherIntervals {
+        /// The length until now.
+        before_s: f64,
+        /// What was asked for.
+        every_s: f64,
+        /// The intervals that were seen.
+        file: PathBuf,
+    },
     /// Identification found no modes.
     #[error(
         "no modes were found from {:.4} to {:.4} Hz: {reason} The spectra are drawn in {}{}",

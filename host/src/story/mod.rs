@@ -62,6 +62,7 @@ mod shapes;
 mod since;
 mod trends;
 mod updated;
+mod watched;
 
 pub use crate::measure::Route;
 pub use crate::progress::{OnProgress, Progress};
@@ -86,3 +87,4 @@ pub use shapes::BySource;
 pub(crate) use shapes::turned_by_update;
 pub use since::{SinceReport, SinceRequest};
 pub use updated::{BeforeAfter, OtherMode, PairState, PsiExplained, Update, UpdateReport, UpdatedPair, update};
+pub use watched::{ALARMS_FILE, Event, EventKind, WATCH_FILE, WatchReport, WatchRequest, WatchedMode};

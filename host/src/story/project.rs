@@ -16,6 +16,7 @@ use super::profiled::{self, profiles};
 use super::since::{SinceReport, SinceRequest, since};
 use super::trends;
 use super::updated::{UpdateReport, update};
+use super::watched::{self, WATCH_FILE, WatchReport, WatchRequest};
 use crate::archive::TimeRange;
 use crate::compare::Comparison;
 use crate::diagnose::Diagnosis;
@@ -212,6 +213,24 @@ impl Project {
     fn earlier_modes(&self) -> Option<PathBuf> {
         let file = self.results.path(MODES_FILE);
         file.exists().then_some(file)
+    }
+
+    /// Measures the intervals that are new, and judges from all days whether the structure has changed. Goes on where an earlier watch
+    /// stopped. Writes `watch.json`, `watch.jsonl`, `alarms.jsonl` and a picture.
+    ///
+    /// # Errors
+    /// When no modes were identified, recordings cannot be read, intervals have another length than before, or a result cannot be
+    /// written.
+    pub fn watch(&mut self, request: &WatchRequest, on_progress: OnProgress<'_>) -> Result<WatchReport, StoryError> {
+        self.results.make_ready()?;
+        let report = watched::watch(&mut self.study, &self.results, request, on_progress)?;
+        watched::with_events(&self.results, &report.events)?;
+        self.results.write_json(WATCH_FILE, &report)?;
+        let modes: Vec<(usize, f64)> = report.modes.iter().map(|mode| (mode.number, mode.frequency_hz)).collect();
+        if let Some(picture) = picture::watch(&self.study.structure.name, &modes, &report.judgement)? {
+            self.results.write("watch.svg", picture.as_bytes())?;
+        }
+        Ok(report)
     }
 
     fn follow(

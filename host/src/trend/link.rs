@@ -45,6 +45,16 @@ impl<'a> Follower<'a> {
         }
     }
 
+    /// The same where modes were last seen at these frequencies.
+    pub(super) fn last_seen(mut self, last_hz: &[(usize, f64)]) -> Self {
+        for mode in &mut self.known {
+            if let Some((_, hz)) = last_hz.iter().find(|(number, _)| *number == mode.number) {
+                mode.frequency_hz = *hz;
+            }
+        }
+        self
+    }
+
     /// The modes that the next interval shows.
     pub(super) fn take(&mut self, measured: MeasuredSetup<'_>) -> Vec<IntervalMode> {
         let mut forced = self.forced.clone();

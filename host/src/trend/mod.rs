@@ -18,6 +18,7 @@ use crate::measure::{Interval, MeasureError, Progress, Route, measure_intervals}
 use crate::regression::slopes;
 use crate::spectra::LineGrid;
 use crate::study::{Analysis, Setup, Study};
+use crate::watch::{SeenInterval, SeenMode};
 use link::Follower;
 
 /// Why there is no trend.
@@ -34,6 +35,12 @@ pub enum TrendError {
     NoInterval {
         /// The interval.
         every_s: f64,
+    },
+    /// Modes of several setups look different in each.
+    #[error("this study has {setups} setups; modes are watched in one, whose sensors stay where they are")]
+    Setups {
+        /// How many there are.
+        setups: usize,
     },
     /// There are no modes to follow.
     #[error("no mode was found in the whole record, so there is nothing to follow")]
@@ -196,6 +203,49 @@ pub fn follow(
     }
     let modes = modes.iter().chain(&new).map(|mode| mode_trend(mode, &intervals)).collect();
     Ok(Trend { every_s, modes, intervals, warnings })
+}
+
+/// The intervals of a study's one setup in which the modes of `reference` are looked for, those that were last seen at `last_hz` near there; and what
+/// the reader should know. Intervals begin with the study's range.
+///
+/// # Errors
+/// As [`follow`], and where there are several setups: the same modes look different in each.
+pub fn seen(
+    study: &Study,
+    reference: &Identification,
+    last_hz: &[(usize, f64)],
+    every_s: f64,
+    route: Route,
+    progress: Progress<'_>,
+) -> Result<(Vec<SeenInterval>, Vec<String>), TrendError> {
+    let [setup] = &study.setups[..] else { return Err(TrendError::Setups { setups: study.setups.len() }) };
+    if reference.modes.is_empty() {
+        return Err(TrendError::NoModes);
+    }
+    let temperatures =
+        setup.temperature.as_ref().map(|file| Temperatures::read(&study.folder.join(file))).transpose()?;
+    let mut follower = Follower::new(reference, &study.analysis.modes, false).last_seen(last_hz);
+    let analysis = Analysis { segment: None, ..study.analysis.clone() };
+    let (mut intervals, mut warnings) = (Vec::new(), Vec::new());
+    let take = |interval: Interval| {
+        let [start_s, end_s] = [interval.start_s, interval.end_s].map(|time_s| interval.origin_s + time_s);
+        match interval.spectrum {
+            Ok(spectrum) => {
+                let of = |mode: IntervalMode| SeenMode {
+                    number: mode.number,
+                    frequency_hz: mode.frequency_hz,
+                    frequency_std_hz: mode.frequency_std_hz,
+                    response_rms: mode.response_rms,
+                };
+                let modes = follower.take(MeasuredSetup { setup, spectrum }).into_iter().map(of).collect();
+                let temperature_degc = temperatures.as_ref().and_then(|table| table.mean_degc(start_s, end_s));
+                intervals.push(SeenInterval { start_s, end_s, temperature_degc, modes });
+            }
+            Err(error) => warnings.push(format!("{start_s:.0} to {end_s:.0} s: left out: {error}")),
+        }
+    };
+    measure_intervals(study, setup, &analysis, every_s, route, progress, take)?;
+    Ok((intervals, warnings))
 }
 
 /// Says which modes the intervals show alone.

@@ -107,7 +107,7 @@ fn grown_heartbeat() -> Heartbeat {
         board,
         stale_rows: 300,
         variance: Vec::from_slice(&[0.5]).unwrap(),
-        mean: Vec::from_slice(&[2.0]).unwrap(),
+        mean: Heartbeat::means_of(&[2.0]),
         ..heartbeat()
     }
 }
@@ -130,7 +130,7 @@ const HEARTBEAT_6: &str =
     "03 03 87 e0 02 ad 02 ab 02 00 01 06 01 00 00 00 3f 01 01 02 0a ac 02 c8 01 04 90 03 01 01 05 07 08";
 
 const HELLO_6_GROWN: &str = "00 06 06 03 87 e0 02 01 01 02 03 04 01 01 02 03 04 04 01 01 01 ab 02 ad 02 00 0f 01 a3 82 80 40 00 81 84 80 40 80 84 02 01 04 01 ac 02 02";
-const HEARTBEAT_6_GROWN: &str = "03 03 87 e0 02 ad 02 ab 02 00 01 06 01 00 00 00 3f 01 01 02 0e ac 02 c8 01 04 90 03 01 01 05 01 8f 4e 19 07 08 ac 02 01 00 00 00 3f 01 00 00 00 40";
+const HEARTBEAT_6_GROWN: &str = "03 03 87 e0 02 ad 02 ab 02 00 01 06 01 00 00 00 3f 01 01 02 0e ac 02 c8 01 04 90 03 01 01 05 01 8f 4e 19 07 08 ac 02 01 00 00 00 3f 01 c0 b8 02";
 
 /// What a node says in the same bytes since version 3.
 fn unchanged_of_nodes() -> StdVec<(NodeMessage<'static>, &'static str)> {

@@ -45,12 +45,26 @@ pub struct Heartbeat {
     /// The variance of each channel's raw readings about their mean since the last heartbeat, in (m/s²)². Empty of a node that does not say.
     #[serde(default)]
     pub variance: Vec<f32, MAX_CHANNELS>,
-    /// That mean in m/s². Empty of a node that does not say.
+    /// That mean in steps of [`MEAN_STEP_M_S2`], which are fewer bytes. Empty of a node that does not say.
     #[serde(default)]
-    pub mean: Vec<f32, MAX_CHANNELS>,
+    pub mean: Vec<i32, MAX_CHANNELS>,
 }
 
+/// The step of means in m/s²: 10 µg, below what a sensor's offset keeps for a minute.
+pub const MEAN_STEP_M_S2: f32 = 1e-4;
+
 impl Heartbeat {
+    /// Means of channels in m/s², as a heartbeat has them.
+    pub fn means_of(mean_m_s2: &[f32]) -> Vec<i32, MAX_CHANNELS> {
+        // Beyond its range the conversion keeps the nearest number, and 0 of what is none.
+        mean_m_s2.iter().map(|mean| libm::roundf(mean / MEAN_STEP_M_S2) as i32).take(MAX_CHANNELS).collect()
+    }
+
+    /// Each channel's mean since the last heartbeat in m/s². Empty of a node that does not say.
+    pub fn mean_m_s2(&self) -> Vec<f32, MAX_CHANNELS> {
+        self.mean.iter().map(|&mean| mean as f32 * MEAN_STEP_M_S2).collect()
+    }
+
     /// Each channel's RMS about its mean since the last heartbeat in m/s²: the root of its variance where the node says that, else its level.
     pub fn rms(&self) -> Vec<f32, MAX_CHANNELS> {
         if self.variance.is_empty() {

@@ -290,7 +290,7 @@ fn node_message(code: &[u8]) -> impl Strategy<Value = NodeMessage<'_>> {
                         unsealed_messages: lost_windows / 3,
                         stale_rows: lost_rows / 2,
                         variance: Vec::from_slice(&[0.5; 3]).unwrap(),
-                        mean: Vec::from_slice(&[9.8; 3]).unwrap(),
+                        mean: Heartbeat::means_of(&[9.8; 3]),
                     })
                 }
             ),

@@ -18,7 +18,7 @@ use commands::{CommandHelp, check_line, without_comment};
 use markdown::{Block, Document, Note};
 
 /// Why a block is not run; a document gives one of these reasons and no other.
-const REASONS: [&str; 9] = [
+const REASONS: [&str; 11] = [
     "compiles",
     "opens a browser",
     TAKES_MINUTES,
@@ -28,6 +28,8 @@ const REASONS: [&str; 9] = [
     "needs an emulator",
     "needs a nightly compiler",
     "needs other people's data",
+    "needs a month of measurement",
+    "needs recordings of one's own",
 ];
 
 /// The reason of blocks that the long tests run all the same.

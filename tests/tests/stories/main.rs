@@ -32,3 +32,4 @@ mod runs;
 mod said;
 mod space;
 mod together;
+mod watch;

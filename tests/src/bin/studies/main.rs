@@ -15,6 +15,7 @@ mod kills;
 #[cfg(unix)]
 mod load;
 mod records;
+mod years;
 
 use std::process::ExitCode;
 
@@ -42,6 +43,7 @@ enum StudyCommand {
     #[cfg(unix)]
     Load(load::Arguments),
     Records(records::Arguments),
+    Years(years::Arguments),
 }
 
 fn main() -> ExitCode {
@@ -58,6 +60,7 @@ fn main() -> ExitCode {
         #[cfg(unix)]
         StudyCommand::Load(arguments) => load::run(&arguments),
         StudyCommand::Records(arguments) => records::run(&arguments),
+        StudyCommand::Years(arguments) => years::run(&arguments),
     };
     match outcome {
         Ok(()) => ExitCode::SUCCESS,

@@ -1,0 +1,270 @@
+//! Watching a study: new intervals are measured and kept, and all days are judged.
+//!
+//! The modes that are followed, the intervals that were seen and the alarms that were raised stand in the study's `results`, so a watch
+//! goes on where it stopped, and whoever starts it anew gets the same.
+
+use std::time::Duration;
+
+use serde::{Deserialize, Serialize};
+
+use super::error::StoryError;
+use crate::archive::TimeRange;
+use crate::identify::Identification;
+use crate::measure::Route;
+use crate::progress::{OnProgress, rows_of};
+use crate::results::{MODES_FILE, Results, ResultsError};
+use crate::study::Study;
+use crate::trend::seen;
+use crate::watch::{Alarm, Judgement, SeenInterval, Settings, State, blocks, judge};
+
+/// The modes that are followed: those that `identify` had found when the watch began.
+const REFERENCE_FILE: &str = "watch_reference.json";
+/// What the intervals show, one a line.
+const INTERVALS_FILE: &str = "watch.jsonl";
+/// What the days say.
+pub const WATCH_FILE: &str = "watch.json";
+/// What has become of alarms, one event a line.
+pub const ALARMS_FILE: &str = "alarms.jsonl";
+
+/// What a watch is asked for.
+#[derive(Debug, Clone, Copy)]
+pub struct WatchRequest {
+    /// Length of an interval.
+    pub every: Duration,
+    /// How spectra are made of recordings.
+    pub route: Route,
+    /// When an alarm is raised.
+    pub settings: Settings,
+}
+
+/// What a watch has found.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct WatchReport {
+    /// Length of an interval in s.
+    pub every_s: f64,
+    /// The modes that are followed.
+    pub modes: Vec<WatchedMode>,
+    /// Intervals that were seen until now, and those that are new.
+    pub intervals: usize,
+    /// Those of this time.
+    pub new_intervals: usize,
+    /// Until when days were judged, as times of the intervals count: Unix time of what nodes have sent, s after a recording's first row.
+    pub judged_until_s: Option<f64>,
+    /// When an alarm is raised.
+    pub settings: Settings,
+    /// What the days say.
+    pub judgement: Judgement,
+    /// What has become of alarms this time.
+    pub events: Vec<Event>,
+    /// What the reader should know.
+    pub warnings: Vec<String>,
+}
+
+/// A mode that is followed.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct WatchedMode {
+    /// Its number.
+    pub number: usize,
+    /// Its frequency in Hz in the interval that showed it last.
+    pub frequency_hz: f64,
+    /// The share of intervals that show it.
+    pub seen_share: f64,
+}
+
+/// What has become of an alarm.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Event {
+    /// The structure's name.
+    pub structure: String,
+    /// Raised, lasting or withdrawn.
+    pub event: EventKind,
+    /// The alarm.
+    pub alarm: Alarm,
+}
+
+/// What can become of an alarm.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum EventKind {
+    /// It is raised.
+    Raised,
+    /// Two weeks later the change is still there.
+    Lasting,
+    /// Later days take it back.
+    Withdrawn,
+}
+
+/// What an earlier run left.
+#[derive(Debug, Default, Deserialize)]
+struct Earlier {
+    #[serde(default)]
+    every_s: f64,
+    judged_until_s: Option<f64>,
+    #[serde(default)]
+    judgement: EarlierJudgement,
+}
+
+#[derive(Debug, Default, Deserialize)]
+struct EarlierJudgement {
+    #[serde(default)]
+    alarms: Vec<Alarm>,
+}
+
+/// Measures what is new, judges it, and writes what was found.
+pub(super) fn watch(
+    study: &mut Study,
+    results: &Results,
+    request: &WatchRequest,
+    on_progress: OnProgress<'_>,
+) -> Result<WatchReport, StoryError> {
+    let every_s = request.every.as_secs_f64();
+    let mut warnings = Vec::new();
+    let earlier: Earlier = results.read_json(WATCH_FILE, "watch")?.unwrap_or_default();
+    if earlier.every_s > 0.0 && earlier.every_s != every_s {
+        return Err(StoryError::OtherIntervals {
+            before_s: earlier.every_s,
+            every_s,
+            file: results.path(INTERVALS_FILE),
+        });
+    }
+    let reference = reference(results)?;
+    let mut intervals = read_intervals(results, &mut warnings)?;
+    let before = intervals.len();
+    let last_end_s = intervals.last().map(|last| last.end_s);
+    if let (true, Some(end_s)) = (study.setups.iter().any(|setup| setup.live), last_end_s) {
+        study.range = TimeRange { from_us: Some((end_s * 1e6) as i64), ..TimeRange::ALL };
+    }
+    let last_hz = last_seen(&reference, &intervals);
+    let on_rows = &mut rows_of("intervals", on_progress);
+    let (new, told) = seen(study, &reference, &last_hz, every_s, request.route, on_rows).map_err(StoryError::Follow)?;
+    warnings.extend(told);
+    intervals.extend(new.into_iter().filter(|one| last_end_s.is_none_or(|end_s| one.start_s >= end_s - 1e-3)));
+    if request.settings.frost_below_degc.is_some() && intervals.iter().any(|one| one.temperature_degc.is_none()) {
+        let without = intervals.iter().filter(|one| one.temperature_degc.is_none()).count();
+        warnings.push(format!(
+            "{without} of {} intervals have no temperature: days without one cannot be told from days of frost, and weather may pass for a change; give the setup a `temperature` file",
+            intervals.len()
+        ));
+    }
+    let lines: Result<Vec<String>, _> = intervals.iter().map(serde_json::to_string).collect();
+    let file = results.path(INTERVALS_FILE);
+    let lines = lines.map_err(|error| ResultsError::Write { file, source: error.into() })?;
+    results.write(INTERVALS_FILE, (lines.join("\n") + "\n").as_bytes())?;
+    let numbers: Vec<usize> = reference.modes.iter().map(|mode| mode.number).collect();
+    let days = whole_days(blocks(&intervals, &numbers), intervals.last());
+    let old = earlier.judgement.alarms.clone();
+    let until_s = earlier.judged_until_s.unwrap_or(f64::NEG_INFINITY);
+    let judgement = judge(&days, &numbers, &request.settings, earlier.judgement.alarms, until_s);
+    let events = events(&study.structure.name, &old, &judgement.alarms);
+    let share = |number: usize| {
+        let seen = intervals.iter().filter(|one| one.modes.iter().any(|mode| mode.number == number)).count();
+        seen as f64 / intervals.len().max(1) as f64
+    };
+    let now_hz = last_seen(&reference, &intervals);
+    Ok(WatchReport {
+        every_s,
+        modes: now_hz
+            .into_iter()
+            .map(|(number, frequency_hz)| WatchedMode { number, frequency_hz, seen_share: share(number) })
+            .collect(),
+        intervals: intervals.len(),
+        new_intervals: intervals.len() - before,
+        judged_until_s: days.last().map(|day| day.time_s).or(earlier.judged_until_s),
+        settings: request.settings,
+        judgement,
+        events,
+        warnings,
+    })
+}
+
+/// The modes that are followed: of an earlier watch, or else those that `identify` found.
+fn reference(results: &Results) -> Result<Identification, StoryError> {
+    if let Some(reference) = results.read_json(REFERENCE_FILE, "watch")? {
+        return Ok(reference);
+    }
+    let found: Option<Identification> = results.read_json(MODES_FILE, "identify")?;
+    let found = found.filter(|found| !found.modes.is_empty());
+    let found = found.ok_or_else(|| StoryError::NothingToWatch { file: results.path(MODES_FILE) })?;
+    results.write_json_short(REFERENCE_FILE, &found)?;
+    Ok(found)
+}
+
+/// What intervals showed before, but for a line that is none.
+fn read_intervals(results: &Results, warnings: &mut Vec<String>) -> Result<Vec<SeenInterval>, StoryError> {
+    let file = results.path(INTERVALS_FILE);
+    let text = match std::fs::read_to_string(&file) {
+        Ok(text) => text,
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(Vec::new()),
+        Err(source) => return Err(ResultsError::Read { file, source }.into()),
+    };
+    let mut intervals: Vec<SeenInterval> = Vec::new();
+    for (line, text) in (1..).zip(text.lines()) {
+        match serde_json::from_str::<SeenInterval>(text) {
+            Ok(one) if intervals.last().is_none_or(|last| one.start_s >= last.start_s) => intervals.push(one),
+            Ok(_) => {
+                warnings.push(format!("{}, line {line}: begins before the line above it; left out", file.display()))
+            }
+            Err(error) => warnings.push(format!("{}, line {line}: left out: {error}", file.display())),
+        }
+    }
+    Ok(intervals)
+}
+
+/// Where each mode was seen last.
+fn last_seen(reference: &Identification, intervals: &[SeenInterval]) -> Vec<(usize, f64)> {
+    let last = |number: usize| {
+        let mut newest = intervals.iter().rev().flat_map(|one| &one.modes);
+        newest.find(|mode| mode.number == number).map(|mode| mode.frequency_hz)
+    };
+    reference.modes.iter().map(|mode| (mode.number, last(mode.number).unwrap_or(mode.frequency_hz))).collect()
+}
+
+/// Days that are over: one that goes on is judged tomorrow.
+fn whole_days(mut days: Vec<crate::watch::Block>, last: Option<&SeenInterval>) -> Vec<crate::watch::Block> {
+    const HALF_A_DAY_S: f64 = 43_200.0;
+    let is_over = |day: &crate::watch::Block| last.is_some_and(|last| last.end_s >= day.time_s + HALF_A_DAY_S - 1.0);
+    days.retain(is_over);
+    days
+}
+
+/// What has become of alarms between two judgements.
+fn events(structure: &str, before: &[Alarm], now: &[Alarm]) -> Vec<Event> {
+    let event =
+        |kind: EventKind, alarm: &Alarm| Event { structure: structure.to_owned(), event: kind, alarm: alarm.clone() };
+    let mut events = Vec::new();
+    for (index, alarm) in now.iter().enumerate() {
+        let was = before.get(index).map(|alarm| alarm.state);
+        if was.is_none() {
+            events.push(event(EventKind::Raised, alarm));
+        }
+        match alarm.state {
+            State::Lasting if was != Some(State::Lasting) => events.push(event(EventKind::Lasting, alarm)),
+            State::Withdrawn if was != Some(State::Withdrawn) => events.push(event(EventKind::Withdrawn, alarm)),
+            State::Open | State::Lasting | State::Withdrawn => {}
+        }
+    }
+    events
+}
+
+/// The lines of `alarms.jsonl` with new events.
+pub(super) fn with_events(results: &Results, events: &[Event]) -> Result<(), StoryError> {
+    if events.is_empty() {
+        return Ok(());
+    }
+    let file = results.path(ALARMS_FILE);
+    let mut text = match std::fs::read_to_string(&file) {
+        Ok(text) => text,
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => String::new(),
+        Err(source) => return Err(ResultsError::Read { file, source }.into()),
+    };
+    if !text.is_empty() && !text.ends_with('\n') {
+        text.push('\n');
+    }
+    for event in events {
+        let line = serde_json::to_string(event)
+            .map_err(|error| ResultsError::Write { file: results.path(ALARMS_FILE), source: error.into() })?;
+        text += &(line + "\n");
+    }
+    results.write(ALARMS_FILE, text.as_bytes())?;
+    Ok(())
+}

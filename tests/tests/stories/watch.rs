@@ -1,0 +1,120 @@
+//! A user leaves Belfry alone with a structure, and wants to hear of it when something has changed, and not before.
+
+use std::fmt::Write;
+use std::fs;
+use std::path::Path;
+
+use assert_cmd::prelude::*;
+use belfry_tests::belfry_command;
+use predicates::str::contains;
+use serde_json::{Value, json};
+
+use crate::said;
+
+/// An hour of the template's tower, with its modes.
+fn measured(folder: &Path) -> String {
+    let place = folder.join("tower").to_str().unwrap().to_owned();
+    belfry_command().args(["init", &place, "--template", "canton"]).assert().success();
+    let study = Path::new(&place).join("study.toml");
+    let text = fs::read_to_string(&study).unwrap();
+    fs::write(&study, text.replace("sampling_rate_hz = 50.0", "sampling_rate_hz = 12.5")).unwrap();
+    belfry_command().args(["simulate", &place, "--hours", "3", "--seed", "9", "--adopt"]).assert().success();
+    belfry_command().args(["identify", &place, "--direct"]).assert().success();
+    place
+}
+
+/// What intervals of three hours would have shown of two modes for so many days of mild weather; from a day on both are lower by `loss`.
+fn days(count: usize, change: usize, loss: f64) -> String {
+    let mut state = 0x9e37_79b9_7f4a_7c15_u64;
+    // The sum of twelve uniform numbers is nearly normal.
+    let mut normal = || {
+        let mut sum = -6.0;
+        for _ in 0..12 {
+            state ^= state << 13;
+            state ^= state >> 7;
+            state ^= state << 17;
+            sum += (state >> 11) as f64 / (1u64 << 53) as f64;
+        }
+        sum
+    };
+    let mut lines = String::new();
+    for step in 0..8 * count {
+        let day = step as f64 / 8.0;
+        let turn = std::f64::consts::TAU;
+        let degc = 15.0 + 4.0 * (turn * day / 11.0).sin() + 3.0 * (turn * day).sin() + 0.5 * normal();
+        let mode = |(number, hz): (usize, f64), noise: f64| {
+            let lost = if day >= change as f64 { loss } else { 0.0 };
+            let frequency_hz = hz * (1.0 - 4e-4 * (degc - 15.0) - lost + 3e-4 * noise);
+            json!({"number": number, "frequency_hz": frequency_hz, "frequency_std_hz": 3e-4 * hz, "response_rms": 1e-3})
+        };
+        let modes = [mode((1, 0.105), normal()), mode((2, 0.155), normal())];
+        let (start_s, end_s) = (86_400.0 * day, 86_400.0 * (day + 0.125));
+        writeln!(lines, "{}", json!({"start_s": start_s, "end_s": end_s, "temperature_degc": degc, "modes": modes}))
+            .unwrap();
+    }
+    lines
+}
+
+#[test]
+fn a_change_is_told_once_with_its_date_and_size_and_weather_is_not() {
+    let folder = tempfile::tempdir().unwrap();
+    let study = measured(folder.path());
+    let results = Path::new(&study).join("results");
+    // Of three hours nothing can be said but what was seen.
+    let first = said::json(&["watch", &study, "--once", "--every", "1h", "--direct"]);
+    assert_eq!((&first["judgement"]["standing"], &first["new_intervals"]), (&json!("learning"), &json!(3)));
+    assert!(first["modes"].as_array().unwrap().len() >= 10);
+    let seen = fs::read_to_string(results.join("watch.jsonl")).unwrap();
+    assert_eq!(seen.lines().count(), 3);
+    // Other intervals would not go with these.
+    let other = belfry_command().args(["watch", &study, "--once", "--every", "30min", "--direct"]).assert().failure();
+    other.stderr(contains("the watch has intervals of 3600 s until now, not of 1800 s"));
+    // As if it had run for sixty days.
+    fs::remove_file(results.join("watch.json")).unwrap();
+    let watch = || said::json(&["watch", &study, "--once", "--every", "3h", "--direct"]);
+    fs::write(results.join("watch.jsonl"), days(60, 1000, 0.0)).unwrap();
+    let sound = watch();
+    assert_eq!((&sound["judgement"]["standing"], &sound["judgement"]["alarms"]), (&json!("unchanged"), &json!([])));
+    assert!(!results.join("alarms.jsonl").exists());
+    fs::remove_file(results.join("watch.json")).unwrap();
+    fs::write(results.join("watch.jsonl"), days(50, 45, 4e-3)).unwrap();
+    let heard = folder.path().join("heard.json");
+    let hook = format!("tee {}", heard.display());
+    let told = belfry_command()
+        .args(["watch", &study, "--once", "--every", "3h", "--direct", "--on-alarm", &hook])
+        .assert()
+        .success();
+    told.stdout(contains("ALARM: ")).stdout(contains("Changed: 50 days judged"));
+    let event: Value = serde_json::from_str(&fs::read_to_string(&heard).unwrap()).unwrap();
+    let alarm = &event["alarm"];
+    assert_eq!((&event["event"], &alarm["state"]), (&json!("raised"), &json!("open")));
+    let day = |value: &Value| value.as_f64().unwrap() / 86_400.0;
+    assert!(day(&alarm["between_s"][0]) < 45.6 && day(&alarm["between_s"][1]) > 44.4, "{alarm}");
+    for mode in &alarm["modes"].as_array().unwrap()[..2] {
+        let [percent, std] = ["percent", "std_percent"].map(|key| mode[key].as_f64().unwrap());
+        assert!((percent + 0.4).abs() < 4.0 * std + 0.02, "{mode}");
+    }
+    assert!(fs::read_to_string(results.join("watch.svg")).unwrap().contains("mode 1: frequency"));
+    // What was told is not told again, and a line that is damaged is named and costs no other.
+    let more = days(50, 45, 4e-3) + "{\"start_s\": 4\n";
+    fs::write(results.join("watch.jsonl"), more).unwrap();
+    let again = watch();
+    assert_eq!(again["events"], json!([]));
+    assert!(
+        again["warnings"][0].as_str().unwrap().contains("watch.jsonl, line 401: left out"),
+        "{}",
+        again["warnings"]
+    );
+    assert_eq!(fs::read_to_string(results.join("alarms.jsonl")).unwrap().lines().count(), 1);
+}
+
+#[test]
+fn a_watch_says_what_it_lacks() {
+    let folder = tempfile::tempdir().unwrap();
+    let place = folder.path().join("tower").to_str().unwrap().to_owned();
+    belfry_command().args(["init", &place, "--template", "canton"]).assert().success();
+    let nothing = belfry_command().args(["watch", &place, "--once"]).assert().failure();
+    nothing.stderr(contains("has no modes to watch; run `belfry identify` first"));
+    let quotes = belfry_command().args(["watch", &place, "--once", "--on-alarm", "mail 'tower"]).assert().failure();
+    quotes.stderr(contains("are its quotes closed?"));
+}
