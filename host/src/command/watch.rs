@@ -218,7 +218,11 @@ fn say(report: &WatchReport, project: &Project, is_live: bool, is_first: bool, c
             let all: Vec<_> = lasting.filter_map(shift).collect();
             let sum = all.iter().map(|shift| shift.percent).sum::<f64>();
             let std = all.iter().map(|shift| shift.std_percent.powi(2)).sum::<f64>().sqrt();
-            let of = |value: String| if all.is_empty() { String::new() } else { value };
+            let of = |value: String| match (mode.is_judged, all.is_empty()) {
+                (false, _) => "-".to_owned(),
+                (true, true) => String::new(),
+                (true, false) => value,
+            };
             table.row([
                 mode.number.to_string(),
                 format!("{:.4}", mode.frequency_hz),

@@ -226,7 +226,8 @@ impl Project {
         let report = watched::watch(&mut self.study, &self.results, request, on_progress)?;
         watched::with_events(&self.results, &report.events)?;
         self.results.write_json(WATCH_FILE, &report)?;
-        let modes: Vec<(usize, f64)> = report.modes.iter().map(|mode| (mode.number, mode.frequency_hz)).collect();
+        let modes: Vec<(usize, f64)> =
+            report.modes.iter().filter(|mode| mode.is_judged).map(|mode| (mode.number, mode.frequency_hz)).collect();
         if let Some(picture) = picture::watch(&self.study.structure.name, &modes, &report.judgement)? {
             self.results.write("watch.svg", picture.as_bytes())?;
         }

@@ -15,7 +15,7 @@ use crate::progress::{OnProgress, rows_of};
 use crate::results::{MODES_FILE, Results, ResultsError};
 use crate::study::Study;
 use crate::trend::seen;
-use crate::watch::{Alarm, Judgement, SeenInterval, Settings, State, blocks, judge};
+use crate::watch::{Alarm, Judgement, SeenInterval, Settings, State, blocks, judge, often_seen};
 
 /// The modes that are followed: those that `identify` had found when the watch began.
 const REFERENCE_FILE: &str = "watch_reference.json";
@@ -69,6 +69,8 @@ pub struct WatchedMode {
     pub frequency_hz: f64,
     /// The share of intervals that show it.
     pub seen_share: f64,
+    /// Whether that is enough to judge it.
+    pub is_judged: bool,
 }
 
 /// What has become of an alarm.
@@ -151,6 +153,7 @@ pub(super) fn watch(
     let lines = lines.map_err(|error| ResultsError::Write { file, source: error.into() })?;
     results.write(INTERVALS_FILE, (lines.join("\n") + "\n").as_bytes())?;
     let numbers: Vec<usize> = reference.modes.iter().map(|mode| mode.number).collect();
+    let numbers = often_seen(&intervals, &numbers);
     let days = whole_days(blocks(&intervals, &numbers), intervals.last());
     let old = earlier.judgement.alarms.clone();
     let until_s = earlier.judged_until_s.unwrap_or(f64::NEG_INFINITY);
@@ -165,7 +168,12 @@ pub(super) fn watch(
         every_s,
         modes: now_hz
             .into_iter()
-            .map(|(number, frequency_hz)| WatchedMode { number, frequency_hz, seen_share: share(number) })
+            .map(|(number, frequency_hz)| WatchedMode {
+                number,
+                frequency_hz,
+                seen_share: share(number),
+                is_judged: numbers.contains(&number),
+            })
             .collect(),
         intervals: intervals.len(),
         new_intervals: intervals.len() - before,

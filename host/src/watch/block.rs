@@ -64,6 +64,16 @@ const NORMAL_IN_MAD: f64 = 1.4826;
 /// No frequency of an interval is known better than this (relative).
 const LEAST_STD: f64 = 1e-6;
 
+/// A mode that fewer intervals show than this share of them says too little of any day.
+const LEAST_SEEN: f64 = 0.2;
+
+/// Those of these modes that intervals show often enough to be judged.
+pub fn often_seen(intervals: &[SeenInterval], numbers: &[usize]) -> Vec<usize> {
+    let count = |number: usize| intervals.iter().filter(|interval| seen(interval, number).is_some()).count();
+    let is_often = |number: &usize| count(*number) as f64 >= LEAST_SEEN * intervals.len() as f64;
+    numbers.iter().copied().filter(is_often).collect()
+}
+
 /// The days that intervals, in the order of time, make up; `modes` are the numbers of those that are followed.
 pub fn blocks(intervals: &[SeenInterval], modes: &[usize]) -> Vec<Block> {
     let felt = felt(intervals);

@@ -14,5 +14,5 @@ mod surroundings;
 #[cfg(test)]
 mod tests;
 
-pub use block::{Block, LogFrequency, SeenInterval, SeenMode, blocks};
+pub use block::{Block, LogFrequency, SeenInterval, SeenMode, blocks, often_seen};
 pub use judge::{Alarm, Judgement, ModeShift, Settings, Standing, State, judge};
