@@ -35,7 +35,7 @@ pub struct Block {
     pub time_s: f64,
     /// Of each mode that is followed, where it was seen.
     pub modes: Vec<Option<LogFrequency>>,
-    /// Temperatures in degrees Celsius: of the air, and as parts feel it that follow slowly ([`LAGS_S`]).
+    /// Temperatures in degrees Celsius: of the air, and as parts feel it that follow within 2 and within 12 days.
     pub temperatures_degc: Option<[f64; FELT]>,
     /// Level of vibration: mean of the logarithm (base 10) of the modes' responses.
     pub level: Option<f64>,
