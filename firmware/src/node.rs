@@ -23,6 +23,8 @@ use crate::windows::{Arena, Files, WindowMaker, Workshop};
 
 /// Time between heartbeats in µs. The first comes earlier, so that the host soon knows of an absent sensor.
 const HEARTBEAT_US: i64 = 120_000_000;
+/// The same of a node that sends densities alone.
+const SPARING_HEARTBEAT_US: i64 = 150_000_000;
 const FIRST_HEARTBEAT_US: i64 = 10_000_000;
 /// Most rows in a gap that the node fills as missing; after a longer gap it starts over at the next window.
 const MAX_MISSING_ROWS: i64 = 1000;
@@ -563,7 +565,8 @@ impl<M: DerefMut<Target = Memory>, K: Keeper> Node<M, K> {
             Some(due) if now.since(due) < 0 => {}
             Some(_) => {
                 self.pending.heartbeat = true;
-                self.next_heartbeat = Some(now.offset(HEARTBEAT_US));
+                let is_sparing = self.plan.as_ref().is_some_and(Plan::is_sparing);
+                self.next_heartbeat = Some(now.offset(if is_sparing { SPARING_HEARTBEAT_US } else { HEARTBEAT_US }));
             }
             None => self.next_heartbeat = Some(now.offset(FIRST_HEARTBEAT_US)),
         }
@@ -670,6 +673,8 @@ impl<M: DerefMut<Target = Memory>, K: Keeper> Node<M, K> {
         } else if let Some(refusal) = self.pending.refusal.take() {
             NodeMessage::Refused(refusal)
         } else if core::mem::take(&mut self.pending.heartbeat) {
+            // Densities leave no bytes for more than the level.
+            let is_sparing = self.plan.as_ref().is_some_and(Plan::is_sparing);
             let Levels { level, variance, mean, sensors } =
                 self.level.take(self.plan.as_ref().map_or(0, Plan::channels));
             NodeMessage::Heartbeat(Heartbeat {
@@ -687,8 +692,8 @@ impl<M: DerefMut<Target = Memory>, K: Keeper> Node<M, K> {
                 unknown_messages: self.unknown_messages,
                 unsealed_messages: self.unsealed_messages,
                 stale_rows: self.stale_rows,
-                variance,
-                mean: Heartbeat::means_of(&mean),
+                variance: if is_sparing { Default::default() } else { variance },
+                mean: if is_sparing { Default::default() } else { Heartbeat::means_of(&mean) },
             })
         } else {
             let (_, ring) = self.memory.arena.split(self.plan.as_ref().map_or(0, |plan| plan.cells));

@@ -65,6 +65,11 @@ impl Plan {
         Ok(Self { hash: configuration.hash(), configuration, stages, schedule, cells })
     }
 
+    /// Whether averaged densities alone are sent, over lines that have half a byte a second for a channel.
+    pub(crate) fn is_sparing(&self) -> bool {
+        matches!(self.configuration.summary, Summary::Psd { .. })
+    }
+
     /// Channels measured.
     pub(crate) fn channels(&self) -> usize {
         usize::from(self.configuration.channels)

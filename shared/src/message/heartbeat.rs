@@ -42,7 +42,8 @@ pub struct Heartbeat {
     /// Rows since the start for which the sensor answered and had taken no new sample.
     #[serde(default)]
     pub stale_rows: u32,
-    /// The variance of each channel's raw readings about their mean since the last heartbeat, in (m/s²)². Empty of a node that does not say.
+    /// The variance of each channel's raw readings about their mean since the last heartbeat, in (m/s²)². Empty of a node that does not say: one
+    /// that sends densities has no bytes for it.
     #[serde(default)]
     pub variance: Vec<f32, MAX_CHANNELS>,
     /// That mean in steps of [`MEAN_STEP_M_S2`], which are fewer bytes. Empty of a node that does not say.
