@@ -3,8 +3,9 @@
 //! The years are made by other laws than those that a watch assumes.
 
 use std::fmt;
+use std::ops::Range;
 
-use belfry_host::watch::{Alarm, Judgement, SeenInterval, SeenMode, Settings, blocks, judge};
+use belfry_host::watch::{Alarm, DAY_S, Judgement, SeenInterval, SeenMode, Settings, blocks, judge};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
@@ -12,8 +13,8 @@ use rand_distr::{Distribution, StandardNormal};
 use crate::statistics::{rms, wilson_percent};
 
 const MODES: usize = 6;
+const NUMBERS: [usize; MODES] = [1, 2, 3, 4, 5, 6];
 const DAYS: usize = 365;
-const DAY_S: f64 = 86_400.0;
 
 /// A year, hour by hour.
 struct Year {
@@ -22,53 +23,68 @@ struct Year {
     truth: Option<(f64, [f64; MODES])>,
 }
 
-/// Sections that follow the air within days, ice that grows smoothly in them and stiffens by percents, traffic by the hour and the weekday, and
-/// modes that one hour in twenty does not show.
+/// Hours of weather and traffic, counted from the first, on a structure that is drawn.
+struct Weather {
+    intervals: Vec<SeenInterval>,
+    /// The share of a loss of stiffness that each mode feels.
+    shares: [f64; MODES],
+}
+
+impl Weather {
+    /// From a day of the year on: sections that follow the air within days, ice that grows smoothly in them and stiffens by percents, traffic by
+    /// the hour and the weekday, and modes that one hour in twenty does not show. `change` is a day, and the stiffness that is lost from then on.
+    fn draw(random: &mut ChaCha8Rng, first_day: f64, days: usize, change: Option<(f64, f64)>) -> Self {
+        let mut draw =
+            |range: Range<f64>| -> [f64; MODES] { std::array::from_fn(|_| random.random_range(range.clone())) };
+        let (per_kelvin, ice_share, traffic) = (draw(-6e-4..-2e-4), draw(0.01..0.06), draw(0.0..4e-3));
+        let (shares, noise) = (draw(0.2..1.0), draw(2.8e-4..8e-4));
+        let (mut weather, mut section, mut ice) = (0.0, 8.0, 0.0_f64);
+        let mut intervals = Vec::with_capacity(24 * days);
+        for hour in 0..24 * days {
+            let mut normal = || -> f64 { StandardNormal.sample(&mut *random) };
+            let day = hour as f64 / 24.0;
+            let turn = std::f64::consts::TAU;
+            weather += -weather / 72.0 + 4.0 * (2.0_f64 / 72.0).sqrt() * normal();
+            let air =
+                9.0 - 10.0 * (turn * (first_day + day) / 365.25).cos() + weather + 4.0 * (turn * (day - 0.4)).sin();
+            section += (air - section) / 60.0;
+            ice += (0.5 * (1.0 - ((section + 2.0) / 2.0).tanh()) - ice) / 40.0;
+            let is_busy = (day as usize) % 7 < 5 && (6..20).contains(&(hour % 24));
+            let level = if is_busy { 0.3 } else { -0.2 } + 0.15 * normal();
+            let loss = change.filter(|(from, _)| day >= *from).map_or(0.0, |(_, loss)| loss);
+            let mut modes = Vec::with_capacity(MODES);
+            for mode in 0..MODES {
+                let moved = per_kelvin[mode] * (0.6 * section + 0.4 * air) + ice_share[mode] * ice
+                    - traffic[mode] * level
+                    - 0.5 * loss * shares[mode];
+                let frequency_hz = (mode + 1) as f64 * (moved + noise[mode] * normal()).exp();
+                let frequency_std_hz = noise[mode] * frequency_hz;
+                modes.push(SeenMode {
+                    number: mode + 1,
+                    frequency_hz,
+                    frequency_std_hz,
+                    response_rms: 10f64.powf(level),
+                });
+            }
+            modes.retain(|_| !random.random_bool(0.05));
+            let start_s = day * DAY_S;
+            intervals.push(SeenInterval { start_s, end_s: start_s + 3600.0, temperature_degc: Some(air), modes });
+        }
+        Self { intervals, shares }
+    }
+}
+
 fn year(seed: u64, loss: f64) -> Year {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let first_day = random.random_range(0.0..365.0_f64).floor();
     let change_day = random.random_range(120.0..330.0_f64).floor();
-    let mut draw =
-        |range: std::ops::Range<f64>| -> [f64; MODES] { std::array::from_fn(|_| random.random_range(range.clone())) };
-    let (per_kelvin, ice_share, traffic) = (draw(-6e-4..-2e-4), draw(0.01..0.06), draw(0.0..4e-3));
-    let (share, noise) = (draw(0.2..1.0), draw(2.8e-4..8e-4));
-    let (mut weather, mut section, mut ice) = (0.0, 8.0, 0.0_f64);
-    let mut intervals = Vec::with_capacity(24 * DAYS);
-    for hour in 0..24 * DAYS {
-        let mut normal = || -> f64 { StandardNormal.sample(&mut random) };
-        let day = hour as f64 / 24.0;
-        let turn = std::f64::consts::TAU;
-        weather += -weather / 72.0 + 4.0 * (2.0_f64 / 72.0).sqrt() * normal();
-        let air = 9.0 - 10.0 * (turn * (first_day + day) / 365.25).cos() + weather + 4.0 * (turn * (day - 0.4)).sin();
-        section += (air - section) / 60.0;
-        ice += (0.5 * (1.0 - ((section + 2.0) / 2.0).tanh()) - ice) / 40.0;
-        let is_busy = (day as usize) % 7 < 5 && (6..20).contains(&(hour % 24));
-        let level = if is_busy { 0.3 } else { -0.2 } + 0.15 * normal();
-        let mut modes = Vec::with_capacity(MODES);
-        for mode in 0..MODES {
-            let lost = if day >= change_day { 0.5 * loss * share[mode] } else { 0.0 };
-            let moved =
-                per_kelvin[mode] * (0.6 * section + 0.4 * air) + ice_share[mode] * ice - traffic[mode] * level - lost;
-            let frequency_hz = (mode + 1) as f64 * (moved + noise[mode] * normal()).exp();
-            let response_rms = 10f64.powf(level);
-            modes.push(SeenMode {
-                number: mode + 1,
-                frequency_hz,
-                frequency_std_hz: noise[mode] * frequency_hz,
-                response_rms,
-            });
-        }
-        modes.retain(|_| !random.random_bool(0.05));
-        let start_s = (first_day + day) * DAY_S;
-        intervals.push(SeenInterval { start_s, end_s: start_s + 3600.0, temperature_degc: Some(air), modes });
-    }
-    let truth = (loss > 0.0).then(|| ((first_day + change_day) * DAY_S, share.map(|share| -50.0 * loss * share)));
+    let Weather { intervals, shares } = Weather::draw(&mut random, first_day, DAYS, Some((change_day, loss)));
+    let truth = (loss > 0.0).then(|| (change_day * DAY_S, shares.map(|share| -50.0 * loss * share)));
     Year { intervals, truth }
 }
 
-fn judged(year: &Year) -> Judgement {
-    let numbers: Vec<usize> = (1..=MODES).collect();
-    judge(&blocks(&year.intervals, &numbers), &numbers, &Settings::default(), Vec::new(), f64::NEG_INFINITY)
+fn judged(intervals: &[SeenInterval]) -> Judgement {
+    judge(&blocks(intervals, &NUMBERS), &NUMBERS, &Settings::default(), Vec::new(), f64::NEG_INFINITY)
 }
 
 /// What became of a year.
@@ -82,7 +98,7 @@ struct Found {
 }
 
 fn found(year: &Year) -> Found {
-    let judgement = judged(year);
+    let judgement = judged(&year.intervals);
     let Some((at_s, changes)) = year.truth else {
         return Found {
             days_late: None,
@@ -168,12 +184,5 @@ impl fmt::Display for YearsReport {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_year_without_and_one_with_a_loss_are_judged_right() {
-        let report = watch_years(20_261_129, 1, 1.0, |_| {});
-        assert!(report.is_right(), "{report}");
-    }
-}
+#[path = "years_tests.rs"]
+mod tests;

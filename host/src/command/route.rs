@@ -27,7 +27,7 @@ pub struct RouteArguments {
     pub seed: u64,
 }
 
-fn percent(text: &str) -> Result<f64, String> {
+pub(super) fn percent(text: &str) -> Result<f64, String> {
     match text.parse() {
         Ok(value) if (0.0..=50.0).contains(&value) => Ok(value),
         _ => Err("expected a number from 0 to 50".to_owned()),

@@ -14,11 +14,12 @@ use clap::Args;
 use super::Console;
 use super::identify::interval;
 use super::interrupt::{alone, stop_on_signal};
-use super::route::RouteArguments;
+use super::route::{RouteArguments, percent};
 use super::text::Columns;
 use crate::archive::moment;
-use crate::story::{ALARMS_FILE, Event, EventKind, Project, WatchReport, WatchRequest};
-use crate::watch::{Alarm, Settings, Standing, State};
+use crate::results::ALARMS_FILE;
+use crate::story::{Event, EventKind, Project, WatchReport, WatchRequest};
+use crate::watch::{Alarm, DAY_S, ModeShift, Settings, Standing, State};
 
 const EXAMPLES: &str = "Examples:
   belfry watch tower                           from now on, every hour, until stopped
@@ -65,10 +66,6 @@ pub struct Arguments {
     route: RouteArguments,
 }
 
-fn percent(text: &str) -> Result<f64, String> {
-    text.parse().ok().filter(|value| (0.0..=50.0).contains(value)).ok_or_else(|| "expected 0 to 50".to_owned())
-}
-
 fn probability(text: &str) -> Result<f64, String> {
     let value = text.parse().ok().filter(|value| *value > 0.0 && *value <= 0.5);
     value.ok_or_else(|| "expected a number above 0, up to 0.5".to_owned())
@@ -107,10 +104,11 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
         // A live archive may have no whole interval yet.
         match report {
             Ok(report) => {
+                let mut told = Ok(());
                 for event in &report.events {
                     console.say(sentence(event, is_live));
                     if let Some(hook) = &hook {
-                        tell(hook, event)?;
+                        told = told.and(tell(hook, event));
                     }
                 }
                 if is_first || report.new_intervals > 0 {
@@ -119,6 +117,11 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
                 console.warn_all(&report.warnings);
                 console.json(&report)?;
                 is_first = false;
+                match told {
+                    // Whoever is not told by the command is told here, and the watch goes on.
+                    Err(error) if goes_on => console.warn(format_args!("{error:#}")),
+                    told => told?,
+                }
             }
             Err(error) if goes_on => console.warn(format_args!("{error}; trying again")),
             Err(error) => return Err(error.into()),
@@ -180,7 +183,7 @@ fn notify(_state: &str) {}
 
 /// A time of the intervals.
 fn time(time_s: f64, is_live: bool) -> String {
-    if is_live { moment((time_s * 1e6) as i64) } else { format!("day {:.1}", time_s / 86_400.0) }
+    if is_live { moment((time_s * 1e6) as i64) } else { format!("day {:.1}", time_s / DAY_S) }
 }
 
 fn sentence(event: &Event, is_live: bool) -> String {
@@ -199,7 +202,7 @@ fn sentence(event: &Event, is_live: bool) -> String {
 fn shifts(alarm: &Alarm) -> String {
     let mut modes: Vec<_> = alarm.modes.iter().collect();
     modes.sort_by(|a, b| (b.percent / b.std_percent).abs().total_cmp(&(a.percent / a.std_percent).abs()));
-    let clear = |mode: &&&crate::watch::ModeShift| mode.percent.abs() > 3.0 * mode.std_percent;
+    let clear = |mode: &&&ModeShift| mode.percent.abs() > 3.0 * mode.std_percent;
     let told: Vec<String> = modes
         .iter()
         .filter(clear)

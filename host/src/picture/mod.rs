@@ -9,6 +9,7 @@ mod covalidation;
 mod fingerprint;
 mod fits;
 mod history;
+mod over_time;
 mod profile;
 mod shapes;
 mod singular;

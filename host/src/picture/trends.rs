@@ -2,18 +2,14 @@
 
 use plotters::prelude::*;
 
-use super::canvas::{
-    Area, Dashes, DrawResult, FRAME, MEASURED, PictureError, Plane, REJECTED, axis_digits, fixed, picture, prefixed,
-};
+use super::canvas::{Area, Dashes, DrawResult, MEASURED, PictureError, REJECTED, axis_digits, fixed, prefixed};
+use super::over_time::{self, stacked};
 use super::units::motion_unit;
 use crate::colour;
 use crate::study::Setup;
 use crate::trend::{IntervalMode, Trend, TrendInterval};
 
-const WIDTH: u32 = 960;
 const PANEL: u32 = 104;
-const TITLE: u32 = 56;
-const AXIS: u32 = 40;
 /// Bars reach so many standard deviations to either side: about 95 %.
 const BAR: f64 = 2.0;
 /// A response that varies by more than this is drawn on a logarithmic scale.
@@ -48,25 +44,15 @@ pub fn trends(structure: &str, setups: &[Setup], trend: &Trend) -> Result<Option
         return Ok(None);
     }
     let hours = intervals.iter().map(|interval| interval.end_s / 3600.0).fold(0.0, f64::max);
-    let size = (WIDTH, TITLE + AXIS + PANEL * panels.len() as u32);
-    picture("the trends", size, |root| {
-        let every = humantime::format_duration(duration(trend.every_s));
-        let of_setup = match intervals.first() {
-            Some(one) if intervals.len() < trend.intervals.len() => format!(", {}", one.setup),
-            _ => String::new(),
-        };
-        let title = format!("{structure}: modes over time, every {every}{of_setup}");
-        root.draw(&Text::new(title, (12, 8), ("sans-serif", 16)))?;
-        let words = "Dots: one interval each. Bars: two standard deviations to either side, which is about 95 %.";
-        root.draw(&Text::new(words, (12, 32), ("sans-serif", 13)))?;
-        let (_, mut rest) = root.split_vertically(TITLE);
-        for (index, panel) in panels.iter().enumerate() {
-            let is_last = index + 1 == panels.len();
-            let (area, below) = rest.split_vertically(if is_last { PANEL + AXIS } else { PANEL });
-            draw(&area, panel, hours, trend.every_s / 3600.0, is_last)?;
-            rest = below;
-        }
-        Ok(())
+    let every = humantime::format_duration(duration(trend.every_s));
+    let of_setup = match intervals.first() {
+        Some(one) if intervals.len() < trend.intervals.len() => format!(", {}", one.setup),
+        _ => String::new(),
+    };
+    let title = format!("{structure}: modes over time, every {every}{of_setup}");
+    let words = "Dots: one interval each. Bars: two standard deviations to either side, which is about 95 %.";
+    stacked("the trends", [&title, words], (panels.len(), PANEL), |index, area, is_last| {
+        draw(area, &panels[index], hours, trend.every_s / 3600.0, is_last)
     })
     .map(Some)
 }
@@ -137,33 +123,12 @@ fn draw(area: &Area<'_>, panel: &Panel, hours: f64, every: f64, is_last: bool) -
     // One interval alone has no span of its own.
     let room = (0.1 * (highest - lowest)).max(1e-3 * highest.abs()).max(1e-6);
     let (lowest, highest) = (lowest - room, highest + room);
-    let mut chart = ChartBuilder::on(area)
-        .margin_left(8)
-        .margin_right(14)
-        .margin_top(20)
-        .x_label_area_size(if is_last { AXIS } else { 0 })
-        .y_label_area_size(64)
-        .build_cartesian_2d(0.0..hours, lowest..highest)?;
-    let hour = |hour: &f64| fixed(*hour, axis_digits(hours));
     let label = |value: &f64| match 10f64.powf(*value) {
         level if panel.is_log => fixed(level, (1.0 - level.log10().floor()).clamp(0.0, 6.0) as usize),
         _ => fixed(*value, axis_digits(highest - lowest)),
     };
-    let mut mesh = chart.configure_mesh();
-    mesh.disable_x_mesh()
-        .light_line_style(WHITE)
-        .bold_line_style(FRAME.mix(0.6))
-        .y_labels(5)
-        .x_label_formatter(&hour)
-        .y_label_formatter(&label)
-        .label_style(("sans-serif", 12))
-        .axis_desc_style(("sans-serif", 13));
-    if is_last {
-        mesh.x_desc("hours after the recording's first row");
-    }
-    mesh.draw()?;
-    area.draw(&Text::new(panel.name.clone(), (76, 4), ("sans-serif", 13)))?;
-    let plane = Plane::of(&chart, 0.0..hours, lowest..highest, false);
+    let below = is_last.then_some("hours after the recording's first row");
+    let plane = over_time::panel(area, &panel.name, hours, lowest..highest, &label, below)?;
     for run in panel.points.chunk_by(|a, b| b.0 - a.0 < GAP * every) {
         plane.curve(run.iter().map(|&(x, y, _)| (x, y)), Dashes::Full, panel.color.mix(0.35).into())?;
     }

@@ -9,7 +9,7 @@ impl Results {
     /// # Errors
     /// When the file cannot be read.
     pub fn history(&self) -> Result<Vec<StepRecord>, ResultsError> {
-        Ok(steps_of(&self.read(HISTORY_FILE)?.unwrap_or_default()))
+        Ok(self.lines(HISTORY_FILE)?.objects.into_iter().map(|(_, step)| step).collect())
     }
 
     /// What is wrong with the history's file, a sentence a line that is left out.
@@ -17,21 +17,12 @@ impl Results {
     /// # Errors
     /// When the file cannot be read.
     pub fn history_damage(&self) -> Result<Vec<String>, ResultsError> {
-        let text = self.read(HISTORY_FILE)?.unwrap_or_default();
+        let lines = self.lines::<StepRecord>(HISTORY_FILE)?;
         let file = self.path(HISTORY_FILE);
-        let whole = whole_lines(&text);
-        let broken = whole.lines().enumerate().filter(|(_, line)| !line.trim().is_empty());
-        let broken = broken.filter_map(|(index, line)| Some((index, step(line).err()?)));
-        let mut sentences: Vec<String> = broken
-            .map(|(index, why)| format!("{}, line {} is no step and is left out: {why}", file.display(), index + 1))
-            .collect();
-        if whole.len() < text.len() {
-            sentences.push(format!(
-                "{} ends in half a line, as a program leaves it that was stopped while it wrote; it is left out",
-                file.display()
-            ));
-        }
-        Ok(sentences)
+        let sentence = |(line, why): &(usize, serde_json::Error)| {
+            format!("{}, line {line} is no step and is left out: {why}", file.display())
+        };
+        Ok(lines.broken.iter().map(sentence).chain(lines.half_a_line(&file)).collect())
     }
 
     /// Appends steps and returns them as they stand there: numbered on, with the mark of the `data` that they are of.
@@ -42,38 +33,15 @@ impl Results {
         if steps.is_empty() {
             return Ok(Vec::new());
         }
-        let mut text = whole_lines(&self.read(HISTORY_FILE)?.unwrap_or_default()).to_owned();
+        let before = self.lines::<StepRecord>(HISTORY_FILE)?;
         // Lines that are broken have had numbers as well.
-        let lines = text.lines().filter(|line| !line.trim().is_empty()).count();
-        let first = steps_of(&text).iter().map(|step| step.step + 1).max().unwrap_or(0).max(lines);
+        let lines = before.objects.len() + before.broken.len();
+        let first = before.objects.iter().map(|(_, step)| step.step + 1).max().unwrap_or(0).max(lines);
         let numbered: Vec<StepRecord> = (first..)
             .zip(steps)
             .map(|(step, record)| StepRecord { step, data: data.to_owned(), ..record.clone() })
             .collect();
-        if !text.is_empty() && !text.ends_with('\n') {
-            text.push('\n');
-        }
-        for step in &numbered {
-            let line = serde_json::to_string(step)
-                .map_err(|error| ResultsError::Write { file: self.path(HISTORY_FILE), source: error.into() })?;
-            text += &line;
-            text.push('\n');
-        }
-        self.write(HISTORY_FILE, text.as_bytes())?;
+        self.append(HISTORY_FILE, before, &numbered)?;
         Ok(numbered)
     }
-}
-
-fn step(line: &str) -> serde_json::Result<StepRecord> {
-    serde_json::from_str(line)
-}
-
-fn steps_of(text: &str) -> Vec<StepRecord> {
-    text.lines().filter_map(|line| step(line).ok()).collect()
-}
-
-/// The text without a last line that lacks its end and is no step.
-fn whole_lines(text: &str) -> &str {
-    let end = text.rfind('\n').map_or(0, |end| end + 1);
-    if text[end..].trim().is_empty() || step(&text[end..]).is_ok() { text } else { &text[..end] }
 }

@@ -3,6 +3,7 @@
 //! JSON objects, tables and pictures flow in and appear whole or not at all; what an earlier step wrote flows out again.
 
 mod history;
+mod lines;
 
 use std::fs;
 use std::io;
@@ -14,6 +15,7 @@ use thiserror::Error;
 
 use crate::files::{ready_folder, write_anew};
 use crate::study::Study;
+pub(crate) use lines::Lines;
 
 /// The modes of `belfry identify`.
 pub const MODES_FILE: &str = "modes.json";
@@ -33,6 +35,14 @@ pub const COVALIDATION_FILE: &str = "covalidation.json";
 pub const DIAGNOSIS_FILE: &str = "diagnosis.json";
 /// The last comparison with an earlier measurement.
 pub const CHANGE_FILE: &str = "change.json";
+/// What the days of a watch say.
+pub const WATCH_FILE: &str = "watch.json";
+/// What the intervals of a watch show.
+pub const INTERVALS_FILE: &str = "watch.jsonl";
+/// The modes that a watch follows: those that `identify` had found when it began.
+pub const REFERENCE_FILE: &str = "watch_reference.json";
+/// What has become of a watch's alarms.
+pub const ALARMS_FILE: &str = "alarms.jsonl";
 /// The misfit of the last diagnosis beside what its candidates would do.
 pub const FINGERPRINTS_FILE: &str = "fingerprints.json";
 /// The same as a picture.

@@ -87,4 +87,4 @@ pub use shapes::BySource;
 pub(crate) use shapes::turned_by_update;
 pub use since::{SinceReport, SinceRequest};
 pub use updated::{BeforeAfter, OtherMode, PairState, PsiExplained, Update, UpdateReport, UpdatedPair, update};
-pub use watched::{ALARMS_FILE, Event, EventKind, WATCH_FILE, WatchReport, WatchRequest, WatchedMode};
+pub use watched::{Event, EventKind, WatchReport, WatchRequest, WatchedMode};

@@ -16,7 +16,7 @@ use super::profiled::{self, profiles};
 use super::since::{SinceReport, SinceRequest, since};
 use super::trends;
 use super::updated::{UpdateReport, update};
-use super::watched::{self, WATCH_FILE, WatchReport, WatchRequest};
+use super::watched::{self, WatchReport, WatchRequest};
 use crate::archive::TimeRange;
 use crate::compare::Comparison;
 use crate::diagnose::Diagnosis;
@@ -32,7 +32,7 @@ use crate::progress::{OnProgress, counted, rows_of};
 use crate::results::{
     CHANGE_FILE, COMPARISON_FILE, COVALIDATION_FILE, DIAGNOSIS_FILE, FINGERPRINTS_FILE, FINGERPRINTS_PICTURE,
     INPUTS_FILE, MODES_FILE, PLAN_FILE, PROFILE_FILE, RECORD_FILE, REPORT_FILE, Results, ResultsError, SPECTRA_FILE,
-    STABILISATION_FILE, UPDATE_FILE,
+    STABILISATION_FILE, UPDATE_FILE, WATCH_FILE,
 };
 use crate::study::Study;
 use crate::trend::follow;
@@ -224,7 +224,6 @@ impl Project {
     pub fn watch(&mut self, request: &WatchRequest, on_progress: OnProgress<'_>) -> Result<WatchReport, StoryError> {
         self.results.make_ready()?;
         let report = watched::watch(&mut self.study, &self.results, request, on_progress)?;
-        watched::with_events(&self.results, &report.events)?;
         self.results.write_json(WATCH_FILE, &report)?;
         let modes: Vec<(usize, f64)> =
             report.modes.iter().filter(|mode| mode.is_judged).map(|mode| (mode.number, mode.frequency_hz)).collect();

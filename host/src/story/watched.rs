@@ -3,6 +3,7 @@
 //! The modes that are followed, the intervals that were seen and the alarms that were raised stand in the study's `results`, so a watch
 //! goes on where it stopped, and whoever starts it anew gets the same.
 
+use std::path::Path;
 use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
@@ -12,19 +13,10 @@ use crate::archive::TimeRange;
 use crate::identify::Identification;
 use crate::measure::Route;
 use crate::progress::{OnProgress, rows_of};
-use crate::results::{MODES_FILE, Results, ResultsError};
+use crate::results::{ALARMS_FILE, INTERVALS_FILE, Lines, MODES_FILE, REFERENCE_FILE, Results, WATCH_FILE};
 use crate::study::Study;
 use crate::trend::seen;
-use crate::watch::{Alarm, Judgement, SeenInterval, Settings, State, blocks, judge, often_seen};
-
-/// The modes that are followed: those that `identify` had found when the watch began.
-const REFERENCE_FILE: &str = "watch_reference.json";
-/// What the intervals show, one a line.
-const INTERVALS_FILE: &str = "watch.jsonl";
-/// What the days say.
-pub const WATCH_FILE: &str = "watch.json";
-/// What has become of alarms, one event a line.
-pub const ALARMS_FILE: &str = "alarms.jsonl";
+use crate::watch::{Alarm, Block, Judgement, SeenInterval, Settings, State, blocks, judge, often_seen};
 
 /// What a watch is asked for.
 #[derive(Debug, Clone, Copy)]
@@ -120,7 +112,6 @@ pub(super) fn watch(
     on_progress: OnProgress<'_>,
 ) -> Result<WatchReport, StoryError> {
     let every_s = request.every.as_secs_f64();
-    let mut warnings = Vec::new();
     let earlier: Earlier = results.read_json(WATCH_FILE, "watch")?.unwrap_or_default();
     if earlier.every_s > 0.0 && earlier.every_s != every_s {
         return Err(StoryError::OtherIntervals {
@@ -130,7 +121,8 @@ pub(super) fn watch(
         });
     }
     let reference = reference(results)?;
-    let mut intervals = read_intervals(results, &mut warnings)?;
+    let lines = results.lines(INTERVALS_FILE)?;
+    let (mut intervals, mut warnings) = in_order(&lines, &results.path(INTERVALS_FILE));
     let before = intervals.len();
     let last_end_s = intervals.last().map(|last| last.end_s);
     if let (true, Some(end_s)) = (study.setups.iter().any(|setup| setup.live), last_end_s) {
@@ -141,17 +133,14 @@ pub(super) fn watch(
     let (new, told) = seen(study, &reference, &last_hz, every_s, request.route, on_rows).map_err(StoryError::Follow)?;
     warnings.extend(told);
     intervals.extend(new.into_iter().filter(|one| last_end_s.is_none_or(|end_s| one.start_s >= end_s - 1e-3)));
-    if request.settings.frost_below_degc.is_some() && intervals.iter().any(|one| one.temperature_degc.is_none()) {
-        let without = intervals.iter().filter(|one| one.temperature_degc.is_none()).count();
+    let without = intervals.iter().filter(|one| one.temperature_degc.is_none()).count();
+    if request.settings.frost_below_degc.is_some() && without > 0 {
         warnings.push(format!(
             "{without} of {} intervals have no temperature: days without one cannot be told from days of frost, and weather may pass for a change; give the setup a `temperature` file",
             intervals.len()
         ));
     }
-    let lines: Result<Vec<String>, _> = intervals.iter().map(serde_json::to_string).collect();
-    let file = results.path(INTERVALS_FILE);
-    let lines = lines.map_err(|error| ResultsError::Write { file, source: error.into() })?;
-    results.write(INTERVALS_FILE, (lines.join("\n") + "\n").as_bytes())?;
+    results.append(INTERVALS_FILE, lines, &intervals[before..])?;
     let numbers: Vec<usize> = reference.modes.iter().map(|mode| mode.number).collect();
     let numbers = often_seen(&intervals, &numbers);
     let days = whole_days(blocks(&intervals, &numbers), intervals.last());
@@ -164,6 +153,9 @@ pub(super) fn watch(
         seen as f64 / intervals.len().max(1) as f64
     };
     let now_hz = last_seen(&reference, &intervals);
+    if !events.is_empty() {
+        results.append(ALARMS_FILE, results.lines::<Event>(ALARMS_FILE)?, &events)?;
+    }
     Ok(WatchReport {
         every_s,
         modes: now_hz
@@ -197,25 +189,20 @@ fn reference(results: &Results) -> Result<Identification, StoryError> {
     Ok(found)
 }
 
-/// What intervals showed before, but for a line that is none.
-fn read_intervals(results: &Results, warnings: &mut Vec<String>) -> Result<Vec<SeenInterval>, StoryError> {
-    let file = results.path(INTERVALS_FILE);
-    let text = match std::fs::read_to_string(&file) {
-        Ok(text) => text,
-        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(Vec::new()),
-        Err(source) => return Err(ResultsError::Read { file, source }.into()),
-    };
-    let mut intervals: Vec<SeenInterval> = Vec::new();
-    for (line, text) in (1..).zip(text.lines()) {
-        match serde_json::from_str::<SeenInterval>(text) {
-            Ok(one) if intervals.last().is_none_or(|last| one.start_s >= last.start_s) => intervals.push(one),
-            Ok(_) => {
-                warnings.push(format!("{}, line {line}: begins before the line above it; left out", file.display()))
-            }
-            Err(error) => warnings.push(format!("{}, line {line}: left out: {error}", file.display())),
+/// What intervals showed before, in the order of time, and a sentence for each line that is left out.
+fn in_order(lines: &Lines<SeenInterval>, file: &Path) -> (Vec<SeenInterval>, Vec<String>) {
+    let place = |line: &usize| format!("{}, line {line}", file.display());
+    let broken = lines.broken.iter().map(|(line, why)| format!("{}: left out: {why}", place(line)));
+    let mut sentences: Vec<String> = broken.chain(lines.half_a_line(file)).collect();
+    let mut intervals: Vec<SeenInterval> = Vec::with_capacity(lines.objects.len());
+    for (line, interval) in &lines.objects {
+        if intervals.last().is_none_or(|last| interval.start_s >= last.start_s) {
+            intervals.push(interval.clone());
+        } else {
+            sentences.push(format!("{}: begins before the line above it; left out", place(line)));
         }
     }
-    Ok(intervals)
+    (intervals, sentences)
 }
 
 /// Where each mode was seen last.
@@ -228,9 +215,9 @@ fn last_seen(reference: &Identification, intervals: &[SeenInterval]) -> Vec<(usi
 }
 
 /// Days that are over: one that goes on is judged tomorrow.
-fn whole_days(mut days: Vec<crate::watch::Block>, last: Option<&SeenInterval>) -> Vec<crate::watch::Block> {
+fn whole_days(mut days: Vec<Block>, last: Option<&SeenInterval>) -> Vec<Block> {
     const HALF_A_DAY_S: f64 = 43_200.0;
-    let is_over = |day: &crate::watch::Block| last.is_some_and(|last| last.end_s >= day.time_s + HALF_A_DAY_S - 1.0);
+    let is_over = |day: &Block| last.is_some_and(|last| last.end_s >= day.time_s + HALF_A_DAY_S - 1.0);
     days.retain(is_over);
     days
 }
@@ -252,27 +239,4 @@ fn events(structure: &str, before: &[Alarm], now: &[Alarm]) -> Vec<Event> {
         }
     }
     events
-}
-
-/// The lines of `alarms.jsonl` with new events.
-pub(super) fn with_events(results: &Results, events: &[Event]) -> Result<(), StoryError> {
-    if events.is_empty() {
-        return Ok(());
-    }
-    let file = results.path(ALARMS_FILE);
-    let mut text = match std::fs::read_to_string(&file) {
-        Ok(text) => text,
-        Err(error) if error.kind() == std::io::ErrorKind::NotFound => String::new(),
-        Err(source) => return Err(ResultsError::Read { file, source }.into()),
-    };
-    if !text.is_empty() && !text.ends_with('\n') {
-        text.push('\n');
-    }
-    for event in events {
-        let line = serde_json::to_string(event)
-            .map_err(|error| ResultsError::Write { file: results.path(ALARMS_FILE), source: error.into() })?;
-        text += &(line + "\n");
-    }
-    results.write(ALARMS_FILE, text.as_bytes())?;
-    Ok(())
 }

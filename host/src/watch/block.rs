@@ -2,6 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::statistics::{MEDIAN_OF_ABSOLUTE, median};
+
 /// What an interval shows of the modes that are followed.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct SeenInterval {
@@ -51,7 +53,7 @@ pub struct LogFrequency {
 }
 
 /// Length of a block in s: what goes with the hour cancels in a day.
-pub(super) const DAY_S: f64 = 86_400.0;
+pub const DAY_S: f64 = 86_400.0;
 /// Time constants of what follows the air slowly: sections, and the ground or the water around a foot.
 pub(super) const LAGS_S: [f64; 2] = [2.0 * DAY_S, 12.0 * DAY_S];
 pub(super) const FELT: usize = 1 + LAGS_S.len();
@@ -59,8 +61,6 @@ pub(super) const FELT: usize = 1 + LAGS_S.len();
 const LEAST_COVERED: f64 = 0.25;
 /// An interval that is further from the median of its day is another mode, or noise: in deviations of the day's intervals.
 const FAR: f64 = 5.0;
-/// Deviations of a normal distribution in a median of absolute ones.
-const NORMAL_IN_MAD: f64 = 1.4826;
 /// No frequency of an interval is known better than this (relative).
 const LEAST_STD: f64 = 1e-6;
 
@@ -119,12 +119,9 @@ fn seen(interval: &SeenInterval, number: usize) -> Option<LogFrequency> {
 
 /// By inverse variance, without what is far off.
 fn mean(mut seen: Vec<LogFrequency>) -> Option<LogFrequency> {
-    let median = |mut values: Vec<f64>| {
-        values.sort_by(f64::total_cmp);
-        values.get(values.len() / 2).copied()
-    };
-    let middle = median(seen.iter().map(|one| one.value).collect())?;
-    let scatter = NORMAL_IN_MAD * median(seen.iter().map(|one| (one.value - middle).abs()).collect())?;
+    let middle = median(&mut seen.iter().map(|one| one.value).collect::<Vec<_>>())?;
+    let mut off: Vec<f64> = seen.iter().map(|one| (one.value - middle).abs()).collect();
+    let scatter = median(&mut off)? / MEDIAN_OF_ABSOLUTE;
     seen.retain(|one| (one.value - middle).abs() <= FAR * scatter.max(one.std));
     let total: f64 = seen.iter().map(|one| one.std.powi(-2)).sum();
     let value = seen.iter().map(|one| one.value * one.std.powi(-2)).sum::<f64>() / total;

@@ -6,6 +6,7 @@
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 
 use super::block::Block;
+use crate::statistics::{MEDIAN_OF_ABSOLUTE, median};
 
 /// No frequency of a structure is steadier from day to day than this (relative).
 const STEADIEST: f64 = 2e-5;
@@ -15,8 +16,6 @@ const OF_A_GAP: f64 = 5.0;
 const MOST: f64 = 3.0;
 /// A component has at least this share of the variance that independent modes would have: from few days it may look smaller by chance.
 const LEAST_VARIANCE: f64 = 0.05;
-/// Of normal numbers: the median of their absolute values.
-const MEDIAN_OF_ABSOLUTE: f64 = 0.6745;
 
 /// Logarithms of frequencies about their means, days x modes, and their variances by the measurement.
 pub(super) struct Observed {
@@ -36,10 +35,9 @@ impl Observed {
                 blocks.iter().enumerate().filter_map(|(day, block)| Some((day, block.modes[mode]?.value))).collect();
             let mean = seen.iter().map(|(_, value)| value).sum::<f64>() / seen.len().max(1) as f64;
             let mut steps: Vec<f64> = seen.windows(2).map(|pair| (pair[1].1 - pair[0].1).abs()).collect();
-            steps.sort_by(f64::total_cmp);
-            let median = steps.get(steps.len() / 2).copied().unwrap_or(0.0);
             // A step has the variance of two days.
-            let daily = (median / MEDIAN_OF_ABSOLUTE / std::f64::consts::SQRT_2).max(STEADIEST);
+            let daily =
+                (median(&mut steps).unwrap_or(0.0) / MEDIAN_OF_ABSOLUTE / std::f64::consts::SQRT_2).max(STEADIEST);
             all_daily.push(daily);
             for (day, block) in blocks.iter().enumerate() {
                 match block.modes[mode] {

@@ -2,10 +2,10 @@
 //! next one is looked for beside it.
 
 use serde::{Deserialize, Serialize};
-use statrs::distribution::{Binomial, DiscreteCDF};
 
 use super::block::{Block, DAY_S};
 use super::evidence::{Evidence, LEAST_AFTER, LEAST_BEFORE, Learned};
+use crate::statistics::at_least;
 
 /// When an alarm is raised.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
@@ -81,7 +81,7 @@ pub struct ModeShift {
 pub struct Judgement {
     /// How it stands.
     pub standing: Standing,
-    /// Days that were judged, and those that were left out for frost.
+    /// Days that were judged.
     pub days: usize,
     /// Days left out for frost.
     pub frost_days: usize,
@@ -136,8 +136,9 @@ pub fn judge(
         }
     }
     let known = watch.changes(|_| true);
-    let cleaned = watch.learned.as_ref().and_then(|learned| learned.cleaned(&kept, &known));
-    let Watch { alarms, .. } = watch;
+    let Watch { alarms, learned, .. } = watch;
+    let learned = Learned::up_to_date(learned, &kept, &known);
+    let cleaned = learned.and_then(|learned| learned.cleaned(&kept, &known));
     let needed = LEAST_BEFORE + LEAST_AFTER;
     let is_open = alarms.last().is_some_and(|alarm| alarm.state == State::Open);
     Judgement {
@@ -201,16 +202,13 @@ impl Watch<'_> {
                     (true, false) => State::Withdrawn,
                 };
                 *open = Alarm { raised_s, state, ..told };
+                // What is learned beside another change is not what was learned without it.
                 if is_settled {
                     self.learned = None;
                 }
             }
             None if stands_out => self.alarms.push(told),
             None => {}
-        }
-        if self.learned.is_none() {
-            let known: Vec<usize> = self.changes(|_| true).into_iter().filter(|day| *day < days).collect();
-            self.learned = Learned::up_to_date(None, blocks, &known);
         }
         Some(found.log)
     }
@@ -277,8 +275,8 @@ fn lost(blocks: &[Block], numbers: &[usize]) -> Vec<usize> {
         let share = seen(&blocks[..before]) as f64 / before as f64;
         // Not certain to be seen, however often it was.
         let share = share.min(1.0 - 1.0 / (before + 2) as f64);
-        let by_chance = Binomial::new(share, LOST_AFTER as u64).map(|days| days.cdf(seen(&blocks[before..]) as u64));
-        by_chance.is_ok_and(|probability| probability < LOST)
+        let unseen = LOST_AFTER - seen(&blocks[before..]);
+        at_least(unseen, LOST_AFTER, 1.0 - share) < LOST
     };
     numbers.iter().enumerate().filter(|(mode, _)| is_lost(*mode)).map(|(_, number)| *number).collect()
 }

@@ -11,8 +11,6 @@ mod channels;
 mod evidence;
 mod judge;
 mod surroundings;
-#[cfg(test)]
-mod tests;
 
-pub use block::{Block, LogFrequency, SeenInterval, SeenMode, blocks, often_seen};
+pub use block::{Block, DAY_S, LogFrequency, SeenInterval, SeenMode, blocks, often_seen};
 pub use judge::{Alarm, Judgement, ModeShift, Settings, Standing, State, judge};
