@@ -31,6 +31,7 @@ pub mod link;
 pub mod measure;
 pub mod model;
 pub mod modes;
+mod nearest;
 mod numbers;
 pub mod page;
 mod patience;

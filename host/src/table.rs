@@ -68,6 +68,17 @@ pub enum TableError {
     },
 }
 
+/// What the cells of a position are.
+pub(crate) const METRES: &str = "a number in metres";
+
+/// Columns of a position.
+pub(crate) struct PlaceColumns {
+    /// `x_m` and `y_m`, where they are there.
+    plan: [Option<usize>; 2],
+    /// `z_m`.
+    pub(crate) z: usize,
+}
+
 /// A table that has been read.
 #[derive(Debug)]
 pub(crate) struct Table<'a> {
@@ -133,6 +144,28 @@ impl<'a> Table<'a> {
     ) -> Result<f64, TableError> {
         let number = self.text(row, column).parse::<f64>().ok().filter(|number| number.is_finite());
         number.ok_or_else(|| self.value(row, column, name, expected))
+    }
+
+    /// Where the columns of a position stand: `z_m`, and `x_m` and `y_m`, which may be absent.
+    ///
+    /// # Errors
+    /// Where `z_m` is missing.
+    pub(crate) fn place_columns(&self, expected: &'static str) -> Result<PlaceColumns, TableError> {
+        Ok(PlaceColumns { plan: ["x_m", "y_m"].map(|name| self.find(name)), z: self.column("z_m", expected)? })
+    }
+
+    /// A position in m, 0 along columns that are absent.
+    ///
+    /// # Errors
+    /// Where a cell is no finite number.
+    pub(crate) fn place_m(&self, row: &csv::StringRecord, columns: &PlaceColumns) -> Result<[f64; 3], TableError> {
+        let mut place_m = [0.0, 0.0, self.number(row, columns.z, "z_m", METRES)?];
+        for ((slot, column), name) in place_m.iter_mut().zip(columns.plan).zip(["x_m", "y_m"]) {
+            if let Some(column) = column {
+                *slot = self.number(row, column, name, METRES)?;
+            }
+        }
+        Ok(place_m)
     }
 
     /// What is wrong with a column.

@@ -7,7 +7,7 @@ use clap::Args;
 use super::Console;
 use super::interrupt::{alone, leave_nothing_unfinished};
 use super::text::{Columns, in_shell, mac_text, next_lines, or_dash, p_is, width};
-use crate::compare::{Comparison, GroupMisfit, HeightMisfit, Side};
+use crate::compare::{Comparison, Side};
 use crate::diagnose::FAILS;
 use crate::model::{Body, Freedoms};
 use crate::numbers::signed;
@@ -180,27 +180,21 @@ fn tell_where(comparison: &Comparison, console: &Console) {
             "▪".repeat((bar * sensor.misfit / largest).round() as usize)
         ));
     }
-    let largest = comparison.by_group.iter().map(|group| group.misfit).fold(f64::MIN_POSITIVE, f64::max);
-    let is_told = |group: &&GroupMisfit| !console.is_brief() || group.misfit >= largest;
-    for (index, group) in comparison.by_group.iter().filter(is_told).enumerate() {
+    let groups = comparison.by_group.iter().map(|of| (of.group.clone(), of.misfit));
+    tell_places("by group:", &groups.collect::<Vec<_>>(), bar, console);
+    let heights = comparison.by_height.iter().rev().map(|of| (format!("{:9.2} m", of.elevation_m), of.misfit));
+    tell_places("by height:", &heights.collect::<Vec<_>>(), bar, console);
+}
+
+/// A line for each place and its misfit; where only the story is told, the worst place is enough.
+fn tell_places(label: &str, places: &[(String, f64)], bar: f64, console: &Console) {
+    let largest = places.iter().map(|(_, misfit)| *misfit).fold(f64::MIN_POSITIVE, f64::max);
+    let is_told = |(_, misfit): &&(String, f64)| !console.is_brief() || *misfit >= largest;
+    for (index, (place, misfit)) in places.iter().filter(is_told).enumerate() {
         console.say(format!(
-            "  {:10} {:17}   misfit {:5.3}               {}",
-            if index == 0 { "by group:" } else { "" },
-            group.group,
-            group.misfit,
-            "▪".repeat((bar * group.misfit / largest).round() as usize)
-        ));
-    }
-    let largest = comparison.by_height.iter().map(|level| level.misfit).fold(f64::MIN_POSITIVE, f64::max);
-    // Where only the story is told, the worst level is enough.
-    let is_told = |level: &&HeightMisfit| !console.is_brief() || level.misfit >= largest;
-    for (index, level) in comparison.by_height.iter().rev().filter(is_told).enumerate() {
-        console.say(format!(
-            "  {:10} {:9.2} m         misfit {:5.3}               {}",
-            if index == 0 { "by height:" } else { "" },
-            level.elevation_m,
-            level.misfit,
-            "▪".repeat((bar * level.misfit / largest).round() as usize)
+            "  {:10} {place:17}   misfit {misfit:5.3}               {}",
+            if index == 0 { label } else { "" },
+            "▪".repeat((bar * misfit / largest).round() as usize)
         ));
     }
 }

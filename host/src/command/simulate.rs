@@ -189,11 +189,11 @@ fn simulated(study: &Study, arguments: &Arguments) -> anyhow::Result<Structure> 
     let model = study.model.as_ref();
     let seed = arguments.scatter_seed.unwrap_or(arguments.seed);
     if arguments.scatter > 0.0 {
-        let is_trusted = |model: &Model| {
-            model.background_stiffness.or(model.background_mass).is_none()
-                && (arguments.beam.is_some() || model.customs.iter().all(|custom| custom.group.is_none()))
+        let has_deviations = |model: &Model| {
+            model.background_stiffness.or(model.background_mass).is_some()
+                || (arguments.beam.is_none() && model.customs.iter().any(|custom| custom.group.is_some()))
         };
-        if model.is_none_or(is_trusted) {
+        if !model.is_some_and(has_deviations) {
             bail!("--scatter needs background_stiffness or background_mass in [model], or a [[model.group]]");
         }
     }

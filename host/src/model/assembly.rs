@@ -12,8 +12,8 @@ use super::distortion::Distortion;
 use super::eigen::{EigenError, ModalBasis, Modes};
 use super::geometry::{Geometry, Line, LocalMotion};
 use super::joint::Kink;
-use super::layout::LayoutNode;
-use super::matrices::{ImportedMatrices, WholeMatrices};
+use super::layout::{longest_side_m, sides_m};
+use super::matrices::{ImportedMatrices, WholeMatrices, entry};
 use super::sensing::Sensing;
 use super::sensitivity::Change;
 
@@ -31,15 +31,6 @@ pub struct MassAtRow {
     pub mass_kg: f64,
     /// Where it is, in m.
     pub place_m: Option<[f64; 3]>,
-}
-
-/// The longest side of the box around nodes, in m.
-pub(super) fn longest_side_m(nodes: &[LayoutNode]) -> f64 {
-    let side = |axis: usize| {
-        let along = nodes.iter().map(|node| node.position_m[axis]);
-        along.clone().fold(f64::NEG_INFINITY, f64::max) - along.fold(f64::INFINITY, f64::min)
-    };
-    (0..3).map(side).fold(0.0, f64::max)
 }
 
 /// Mass and stiffness matrices with what places them in space.
@@ -126,53 +117,38 @@ impl Assembly {
         if self.node_elevations_m().len() * DOFS_A_NODE == self.dofs() {
             return None;
         }
-        let mass_kg = |row: usize| match &self.whole {
-            Some(whole) => whole.mass.get_entry(row, row).map_or(0.0, |entry| entry.into_value()),
-            None => self.mass.get((row, row)).copied().unwrap_or(0.0),
-        };
-        let of_nodes = |nodes: &[LayoutNode]| {
-            let along = |dof: usize| {
-                let at = |node: &LayoutNode| {
-                    let row = node.rows[dof]?;
-                    Some(MassAtRow { row, mass_kg: mass_kg(row), place_m: Some(node.position_m) })
-                };
-                nodes.iter().filter_map(at).collect::<Vec<_>>()
+        let at = |row: usize, place_m: Option<[f64; 3]>| {
+            let mass_kg = match &self.whole {
+                Some(whole) => entry(&whole.mass, row, row),
+                None => self.mass.get((row, row)).copied().unwrap_or(0.0),
             };
-            let [ux, uy, uz] = [0, 1, 5];
-            [ux, uy, uz].map(along).to_vec()
+            MassAtRow { row, mass_kg, place_m }
         };
-        Some(match &self.geometry {
-            Geometry::Space(nodes) => of_nodes(nodes),
+        // Rows along X, Y and Z, and where they are; of nodes above each other those alone that sway.
+        let nodes: Vec<([Option<usize>; 3], [f64; 3])> = match &self.geometry {
+            Geometry::Space(nodes) => nodes.iter().map(|node| (node.translations(), node.position_m)).collect(),
             Geometry::Line(line) => {
-                let heights_m: Vec<f64> = std::iter::once(line.z_base_m()).chain(line.node_elevations_m()).collect();
-                let along = |dof: usize| {
-                    let at = |(rows, z_m): (&[Option<usize>; DOFS_A_NODE], &f64)| {
-                        let row = rows[dof]?;
-                        Some(MassAtRow { row, mass_kg: mass_kg(row), place_m: Some([0.0, 0.0, *z_m]) })
-                    };
-                    line.node_rows().iter().zip(&heights_m).filter_map(at).collect::<Vec<_>>()
-                };
-                [0, 1].map(along).to_vec()
+                let heights_m = std::iter::once(line.z_base_m()).chain(line.node_elevations_m());
+                let node =
+                    |(rows, z_m): (&[Option<usize>; DOFS_A_NODE], f64)| ([rows[0], rows[1], None], [0.0, 0.0, z_m]);
+                line.node_rows().iter().zip(heights_m).map(node).collect()
             }
             Geometry::Unknown | Geometry::Named(_) => {
-                let at = |row: usize| MassAtRow { row, mass_kg: mass_kg(row), place_m: None };
-                vec![(0..self.rows()).map(at).collect()]
+                return Some(vec![(0..self.rows()).map(|row| at(row, None)).collect()]);
             }
-        })
+        };
+        let along =
+            |axis: usize| nodes.iter().filter_map(|(rows, place_m)| Some(at(rows[axis]?, Some(*place_m)))).collect();
+        Some([0, 1, 2].map(along).to_vec())
     }
 
     /// Why masses look as if they were in tonnes: what all weigh, and the space that the nodes enclose, in m³. `None` where they look right, or
     /// nothing is known of where nodes stand.
     pub fn looks_like_tonnes(&self) -> Option<[f64; 2]> {
         let masses = self.masses_in_space()?;
-        let places = || masses.iter().flatten().filter_map(|mass| mass.place_m);
-        let longest = self.size_m();
-        let side = |axis: usize| {
-            let along = places().map(|place| place[axis]);
-            let side = along.clone().fold(f64::NEG_INFINITY, f64::max) - along.fold(f64::INFINITY, f64::min);
-            side.max(longest / SLENDER)
-        };
-        let volume_m3: f64 = (0..3).map(side).product();
+        let least_m = self.size_m() / SLENDER;
+        let sides_m = sides_m(masses.iter().flatten().filter_map(|mass| mass.place_m));
+        let volume_m3: f64 = sides_m.map(|side_m| side_m.max(least_m)).iter().product();
         let of_direction = |masses: &Vec<MassAtRow>| masses.iter().map(|mass| mass.mass_kg).sum::<f64>();
         let mass = masses.iter().map(of_direction).fold(0.0, f64::max);
         (volume_m3 > 0.0 && (TONNES_PER_M3[0]..TONNES_PER_M3[1]).contains(&(mass / volume_m3)))

@@ -6,8 +6,7 @@ use std::path::{Path, PathBuf};
 use thiserror::Error;
 
 use super::DOFS_A_NODE;
-use super::assembly::longest_side_m;
-use crate::table::{Table, TableError};
+use crate::table::{METRES, Table, TableError};
 
 /// Rotations and translations of a node, in the order of [`LayoutNode::rows`].
 const DOF_NAMES: [&str; 6] = ["ux", "uy", "rx", "ry", "rz", "uz"];
@@ -17,8 +16,6 @@ pub const ROW_DIRECTIONS: [&str; 6] = ["x", "y", "z", "rx", "ry", "rz"];
 const PLAN_TOLERANCE_M: f64 = 1e-6;
 /// What names the tables.
 const NAMED_BY: &str = "[model] matrices in study.toml";
-/// What the cells of a position are.
-const METRES: &str = "a number in metres";
 
 /// A node of a model that is given as matrices.
 #[derive(Debug, Clone, PartialEq)]
@@ -31,6 +28,31 @@ pub struct LayoutNode {
     pub rows: [Option<usize>; 6],
     /// Which of them are fixed.
     pub fixed: [bool; 6],
+}
+
+/// Where `ux`, `uy` and `uz` are among [`LayoutNode::rows`].
+pub(super) const TRANSLATIONS: [usize; 3] = [0, 1, 5];
+
+impl LayoutNode {
+    /// Its matrix rows along X, Y and Z.
+    pub(crate) fn translations(&self) -> [Option<usize>; 3] {
+        TRANSLATIONS.map(|dof| self.rows[dof])
+    }
+}
+
+/// The sides of the box around places along X, Y and Z, in m; 0 around none.
+pub(crate) fn sides_m(places_m: impl Iterator<Item = [f64; 3]> + Clone) -> [f64; 3] {
+    let side = |axis: usize| {
+        let along = places_m.clone().map(|place_m| place_m[axis]);
+        let (lowest, highest) = along.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), at| (a.min(at), b.max(at)));
+        (highest - lowest).max(0.0)
+    };
+    [0, 1, 2].map(side)
+}
+
+/// The longest side of the box around nodes, in m.
+pub(super) fn longest_side_m(nodes: &[LayoutNode]) -> f64 {
+    sides_m(nodes.iter().map(|node| node.position_m)).into_iter().fold(0.0, f64::max)
 }
 
 /// Why a layout was refused.
@@ -101,6 +123,11 @@ pub enum LayoutError {
     },
 }
 
+/// Whether a layout is CalculiX' list of rows, by its ending.
+pub(crate) fn is_list_of_rows(path: &Path) -> bool {
+    path.extension().is_some_and(|ending| ending == "dof")
+}
+
 /// Reads CalculiX' list of what each row is, `node.direction` a line, directions from 1: names such as `12x`, in the order of the rows.
 pub(super) fn read_row_names(path: &Path, dofs: usize) -> Result<Vec<String>, LayoutError> {
     let file = path.to_owned();
@@ -168,18 +195,12 @@ pub(super) fn read_dofs(path: &Path, dofs: usize) -> Result<Vec<LayoutNode>, Lay
     let table = Table::read(path, NAMED_BY)?;
     let expected = "row,node,dof,x_m,y_m,z_m (x_m and y_m may be absent)";
     let (row_column, node_column) = (table.column("row", expected)?, table.column("node", expected)?);
-    let (dof_column, z_column) = (table.column("dof", expected)?, table.column("z_m", expected)?);
-    let plan_columns = [table.find("x_m"), table.find("y_m")];
+    let (dof_column, place_columns) = (table.column("dof", expected)?, table.place_columns(expected)?);
     let mut layout: Vec<LayoutNode> = Vec::new();
     let mut taken = vec![false; dofs];
     let mut known: HashMap<&str, usize> = HashMap::new();
     for row in &table.rows {
-        let mut position_m = [0.0, 0.0, table.number(row, z_column, "z_m", METRES)?];
-        for ((slot, column), name) in position_m.iter_mut().zip(plan_columns).zip(["x_m", "y_m"]) {
-            if let Some(column) = column {
-                *slot = table.number(row, column, name, METRES)?;
-            }
-        }
+        let position_m = table.place_m(row, &place_columns)?;
         let dof = DOF_NAMES
             .iter()
             .position(|name| *name == table.text(row, dof_column))
@@ -205,7 +226,7 @@ pub(super) fn read_dofs(path: &Path, dofs: usize) -> Result<Vec<LayoutNode>, Lay
             Some(node) if node.position_m != position_m => {
                 let [x, y, z] = node.position_m;
                 let expected = format!("the position ({x}, {y}, {z}) that the node has in an earlier line");
-                return Err(table.value(row, z_column, "z_m", &expected).into());
+                return Err(table.value(row, place_columns.z, "z_m", &expected).into());
             }
             Some(node) => node,
             None => {

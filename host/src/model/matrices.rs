@@ -10,7 +10,7 @@ use nalgebra_sparse::CscMatrix;
 use npyz::WriterBuilder;
 use thiserror::Error;
 
-use super::layout::{LayoutError, LayoutNode, is_line, read_dofs, read_nodes, read_row_names};
+use super::layout::{LayoutError, LayoutNode, is_line, is_list_of_rows, read_dofs, read_nodes, read_row_names};
 use super::matrix_files;
 use super::node_files::KnownRows;
 use super::size::{self, TooManyUnknowns};
@@ -184,7 +184,7 @@ impl WholeMatrices {
                 nodes = read_universal_nodes(&folder.join(path), &places)?;
             }
             Some(LayoutFile::Nodes(path)) => nodes = read_nodes(&folder.join(path), rows)?,
-            Some(LayoutFile::Dofs(path)) if path.extension().is_some_and(|ending| ending == "dof") => {
+            Some(LayoutFile::Dofs(path)) if is_list_of_rows(path) => {
                 places = read_row_names(&folder.join(path), rows)?.into();
             }
             Some(LayoutFile::Dofs(path)) => nodes = read_dofs(&folder.join(path), rows)?,
@@ -248,7 +248,7 @@ pub(super) fn dense_bytes<'a>(matrices: impl Iterator<Item = &'a DMatrix<f64>>) 
 }
 
 /// An entry, from 0; zero where none is kept.
-fn entry(matrix: &CscMatrix<f64>, row: usize, column: usize) -> f64 {
+pub(super) fn entry(matrix: &CscMatrix<f64>, row: usize, column: usize) -> f64 {
     matrix.get_entry(row, column).map_or(0.0, |entry| entry.into_value())
 }
 
@@ -278,10 +278,8 @@ pub(super) fn read_sum(
 ) -> Result<CscMatrix<f64>, MatrixError> {
     let mut total: Option<CscMatrix<f64>> = None;
     for MatrixTerm { name, factor } in terms {
-        let (path, matrix) = {
-            known.least = size.unwrap_or(known.least);
-            matrix_files::read(name, quantity, file, folder, known)?
-        };
+        known.least = size.unwrap_or(known.least);
+        let (path, matrix) = matrix_files::read(name, quantity, file, folder, known)?;
         check(&matrix, &path, name, quantity, size)?;
         size = Some(matrix.nrows());
         // Mirror images may differ by rounding.

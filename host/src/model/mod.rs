@@ -59,6 +59,7 @@ pub use eigen::{EigenError, ModalBasis, Modes, eigenmodes};
 pub use element::Compression;
 pub use joint::Element;
 pub use layout::{LayoutError, LayoutNode, ROW_DIRECTIONS, dof_of_row, dofs_csv};
+pub(crate) use layout::{is_list_of_rows, sides_m};
 pub use load::{Freedoms, LoadedModel, ModelError, load, load_up_to, read_beam, section};
 pub use matrices::{ImportedMatrices, MatrixError, WholeMatrices, matrix_market, npy, sparse_matrix_market};
 pub use response::Responses;
@@ -67,6 +68,7 @@ pub use sensitivity::{Change, ModeDerivative, frequency_derivatives};
 pub use sensor::{BesideNode, SensorError};
 pub use size::{TooManyUnknowns, fits_in_full};
 pub use structure::{Body, SegmentChange, Structure};
+pub(crate) use universal_nodes::{is_universal, read_universal_positions};
 pub use wireframe::{Wireframe, WireframeError};
 
 /// Degrees of freedom of a node: `ux`, `uy`, `rx`, `ry`, `rz`.

@@ -3,10 +3,10 @@
 use nalgebra::{DMatrix, RowDVector};
 use thiserror::Error;
 
-use super::assembly::{Assembly, longest_side_m};
+use super::assembly::Assembly;
 use super::distortion::Distortion;
 use super::geometry::{Geometry, Line};
-use super::layout::LayoutNode;
+use super::layout::{LayoutNode, TRANSLATIONS, longest_side_m};
 use crate::modes::node_and_direction;
 use crate::study::{Direction, Motion, Sensor, Unit};
 
@@ -379,10 +379,9 @@ impl Assembly {
                         nearest: format!("{} at {:?}, {distance_m:.2} m away", nearest.name, nearest.position_m),
                     });
                 }
-                let translations = [0, 1, 5];
-                check_moves(translations.map(|dof| nearest.rows[dof].is_some() || nearest.fixed[dof]))?;
-                for (dof, cosine) in translations.into_iter().zip(cosines) {
-                    if let Some(index) = nearest.rows[dof] {
+                check_moves(TRANSLATIONS.map(|dof| nearest.rows[dof].is_some() || nearest.fixed[dof]))?;
+                for (index, cosine) in nearest.translations().into_iter().zip(cosines) {
+                    if let Some(index) = index {
                         row[index] += cosine;
                     }
                 }

@@ -22,8 +22,7 @@ pub(super) fn read_universal_nodes(path: &Path, places: &[String]) -> Result<Vec
             degree of freedom, or bring a table under the key `dofs`";
         return Err(unusable(reason.to_owned()));
     }
-    let text = std::fs::read(path).map_err(|source| LayoutError::RowNames { file: path.to_owned(), source })?;
-    let positions = positions(&String::from_utf8_lossy(&text)).map_err(unusable)?;
+    let positions = read_universal_positions(path)?;
     let mut nodes: Vec<LayoutNode> = Vec::new();
     let mut known: HashMap<&str, usize> = HashMap::new();
     for (row, place) in places.iter().enumerate() {
@@ -53,8 +52,18 @@ pub(super) fn read_universal_nodes(path: &Path, places: &[String]) -> Result<Vec
 }
 
 /// Whether a layout is in a universal file, by its ending.
-pub(super) fn is_universal(path: &Path) -> bool {
+pub(crate) fn is_universal(path: &Path) -> bool {
     path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("unv") || ending.eq_ignore_ascii_case("uff"))
+}
+
+/// Where each node of a file stands, in m.
+///
+/// # Errors
+/// [`LayoutError`] names the file, and the line.
+pub(crate) fn read_universal_positions(path: &Path) -> Result<HashMap<i64, [f64; 3]>, LayoutError> {
+    let text = std::fs::read(path).map_err(|source| LayoutError::RowNames { file: path.to_owned(), source })?;
+    let unusable = |reason: String| LayoutError::Universal { file: path.to_owned(), reason };
+    positions(&String::from_utf8_lossy(&text)).map_err(unusable)
 }
 
 /// Where each node stands, in m.

@@ -2,14 +2,14 @@
 //! in a mode flow out. Pictures and the page draw it; nothing is computed from it.
 
 use std::collections::HashMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use nalgebra::{DMatrix, RowDVector};
 use thiserror::Error;
 
 use super::assembly::Assembly;
 use super::geometry::Geometry;
-use super::layout::LayoutNode;
+use super::layout::{LayoutError, LayoutNode};
 use crate::modes::node_and_direction;
 use crate::study::{Model, Places};
 use crate::table::{Table, TableError};
@@ -18,6 +18,8 @@ use crate::table::{Table, TableError};
 const NAMED_BY: &str = "[model] in study.toml";
 /// No more lines, and no more surfaces, than a page draws in a moment.
 const MOST: usize = 20_000;
+/// A surface has a fourth corner or not.
+const LEAST_CORNERS: usize = 3;
 
 /// Points, lines and surfaces of a structure.
 #[derive(Debug, Clone, PartialEq)]
@@ -38,6 +40,9 @@ pub enum WireframeError {
     /// One of the tables.
     #[error(transparent)]
     Table(#[from] TableError),
+    /// What places the nodes.
+    #[error(transparent)]
+    Layout(#[from] LayoutError),
     /// Nothing places the nodes.
     #[error(
         "[model] `{key}`: nothing says where the nodes stand; name a table of them, as `dofs` of matrices or `points` (node,x_m,y_m,z_m)"
@@ -50,7 +55,7 @@ pub enum WireframeError {
     #[error("{}: {found} {what}, where at most {MOST} are drawn; name those that show the structure's form", file.display())]
     TooMany {
         /// The table.
-        file: std::path::PathBuf,
+        file: PathBuf,
         /// How many.
         found: usize,
         /// `lines` or `surfaces`.
@@ -102,47 +107,44 @@ impl Wireframe {
         if table.rows.len() > MOST {
             return Err(WireframeError::TooMany { file: file.to_owned(), found: table.rows.len(), what });
         }
-        let optional = 3;
-        let at: Vec<Option<usize>> = columns
-            .iter()
-            .enumerate()
-            .map(
-                |(index, name)| {
-                    if index >= optional { Ok(table.find(name)) } else { table.column(name, expected).map(Some) }
-                },
-            )
-            .collect::<Result<_, _>>()?;
+        let (needed, optional) = columns.split_at(columns.len().min(LEAST_CORNERS));
+        let mut at: Vec<(usize, &'static str)> = Vec::with_capacity(columns.len());
+        for name in needed {
+            at.push((table.column(name, expected)?, name));
+        }
+        at.extend(optional.iter().filter_map(|name| Some((table.find(name)?, *name))));
         let mut all = Vec::with_capacity(table.rows.len());
         for row in &table.rows {
             let mut corners = Vec::with_capacity(columns.len());
-            for (index, (column, name)) in at.iter().zip(columns).enumerate() {
-                let Some(column) = column else { continue };
-                let node = table.text(row, *column);
-                if node.is_empty() && index >= optional {
+            for &(column, name) in &at {
+                let node = table.text(row, column);
+                if node.is_empty() && optional.contains(&name) {
                     continue;
                 }
-                let point = match known.get(node) {
-                    Some(point) => *point,
-                    None => {
-                        let place_m = places.find(node).ok_or_else(|| {
-                            let like =
-                                places.nearest_name(node).map_or_else(String::new, |name| format!(" such as {name}"));
-                            table.value(row, *column, name, &format!("a node of {}{like}", places.file().display()))
-                        })?;
-                        self.names.push(node.to_owned());
-                        self.places_m.push(place_m);
-                        known.insert(node.to_owned(), self.names.len() - 1);
-                        self.names.len() - 1
-                    }
-                };
+                let point = self.point(node, places, known).ok_or_else(|| {
+                    let like = places.nearest_name(node).map_or_else(String::new, |name| format!(" such as {name}"));
+                    table.value(row, column, name, &format!("a node of {}{like}", places.file().display()))
+                })?;
                 if corners.contains(&point) {
-                    return Err(table.value(row, *column, name, "another node than before in this line").into());
+                    return Err(table.value(row, column, name, "another node than before in this line").into());
                 }
                 corners.push(point);
             }
             all.push(corners);
         }
         Ok(all)
+    }
+
+    /// The point at a node, a new one where there is none yet; `None` where no node has this name.
+    fn point(&mut self, node: &str, places: &Places, known: &mut HashMap<String, usize>) -> Option<usize> {
+        if let Some(point) = known.get(node) {
+            return Some(*point);
+        }
+        let (place_m, point) = (places.find(node)?, self.names.len());
+        self.names.push(node.to_owned());
+        self.places_m.push(place_m);
+        known.insert(node.to_owned(), point);
+        Some(point)
     }
 
     /// Whether all points stand above each other, as those of a mast: it is drawn by height.
@@ -165,8 +167,8 @@ impl Wireframe {
 
     /// Motion of every point along X, Y and Z in shapes over the degrees of freedom, point by point: 3 points x shapes. Zero where the model has
     /// no such motion.
-    pub fn motion(&self, assembly: &Assembly, layout: &[LayoutNode], shapes: &DMatrix<f64>) -> DMatrix<f64> {
-        let rows = self.rows(assembly, layout);
+    pub fn motion(&self, assembly: &Assembly, shapes: &DMatrix<f64>) -> DMatrix<f64> {
+        let rows = self.rows(assembly);
         let mut motion = DMatrix::zeros(rows.len(), shapes.ncols());
         for (index, row) in rows.iter().enumerate() {
             let Some(row) = *row else { continue };
@@ -180,22 +182,25 @@ impl Wireframe {
     }
 
     /// Rows of the model along X, Y and Z of every point.
-    fn rows(&self, assembly: &Assembly, layout: &[LayoutNode]) -> Vec<Option<usize>> {
-        if let Geometry::Named(rows) = &assembly.geometry {
-            let named: HashMap<(i64, usize), usize> =
-                rows.iter().enumerate().filter_map(|(row, name)| Some((node_and_direction(name)?, row))).collect();
-            let of_point = |name: &String| {
-                let node = name.parse::<i64>().ok();
-                [0, 1, 2].map(|axis| named.get(&(node?, axis)).copied())
-            };
-            return self.names.iter().flat_map(of_point).collect();
+    fn rows(&self, assembly: &Assembly) -> Vec<Option<usize>> {
+        match &assembly.geometry {
+            Geometry::Named(rows) => {
+                let named: HashMap<(i64, usize), usize> =
+                    rows.iter().enumerate().filter_map(|(row, name)| Some((node_and_direction(name)?, row))).collect();
+                let of_point = |name: &String| {
+                    let node = name.parse::<i64>().ok();
+                    [0, 1, 2].map(|axis| named.get(&(node?, axis)).copied())
+                };
+                self.names.iter().flat_map(of_point).collect()
+            }
+            Geometry::Space(nodes) => {
+                let nodes: HashMap<&str, &LayoutNode> = nodes.iter().map(|node| (node.name.as_str(), node)).collect();
+                let of_point =
+                    |name: &String| nodes.get(name.as_str()).map(|node| node.translations()).unwrap_or_default();
+                self.names.iter().flat_map(of_point).collect()
+            }
+            // A line is drawn by its heights, and of other matrices nothing says which row is whose.
+            Geometry::Line(_) | Geometry::Unknown => vec![None; 3 * self.names.len()],
         }
-        let nodes: HashMap<&str, &LayoutNode> = layout.iter().map(|node| (node.name.as_str(), node)).collect();
-        let [ux, uy, uz] = [0, 1, 5];
-        let of_point = |name: &String| {
-            let node = nodes.get(name.as_str());
-            [ux, uy, uz].map(|dof: usize| node.and_then(|node| node.rows[dof]))
-        };
-        self.names.iter().flat_map(of_point).collect()
     }
 }

@@ -9,6 +9,8 @@ use crate::modes::MeasuredMode;
 
 /// Modes that are drawn beyond the highest that has a partner.
 pub(super) const MODES_BEYOND: usize = 2;
+/// `rz` among a layout node's rows.
+const RZ: usize = 4;
 /// Points of a line that is drawn, so that few long segments look as they bend.
 const POINTS: usize = 60;
 
@@ -54,8 +56,9 @@ impl ModelPart {
         let points = Points::of(assembly, look);
         let last = pairs.iter().map(|pair| pair.model + 1).max().unwrap_or(0) + MODES_BEYOND;
         let count = last.min(view.modes.frequency_hz.len());
+        let motions = points.motions(assembly, &view.modes.shapes.columns(0, count).into_owned());
         let mode = |index: usize| {
-            let motion = points.motion(assembly, &view.modes.shapes.columns(index, 1).into_owned());
+            let motion = &motions[index];
             let pair = pairs.iter().find(|pair| pair.model == index);
             let shape = pair.and_then(|pair| measured.get(pair.measured)?.shape.as_ref());
             let largest =
@@ -66,7 +69,7 @@ impl ModelPart {
                 number: index + 1,
                 frequency_hz: view.modes.frequency_hz[index],
                 // Drawn to a pixel.
-                motion: motion.into_iter().map(|parts| parts.map(|part| (factor * part) as f32)).collect(),
+                motion: motion.iter().map(|parts| parts.map(|part| (factor * part) as f32)).collect(),
             }
         };
         Self {
@@ -74,7 +77,7 @@ impl ModelPart {
             modes: (0..count).map(mode).collect(),
             lines: points.lines(),
             surfaces: points.surfaces(),
-            is_spatial: matches!(points, Points::Frame { .. }),
+            is_spatial: matches!(points, Points::Frame(_)),
             nodes: points.into_places(),
         }
     }
@@ -87,7 +90,7 @@ enum Points<'a> {
     /// Nodes anywhere; nobody says what joins them.
     Space(&'a [LayoutNode]),
     /// Nodes anywhere, and what joins them.
-    Frame { frame: &'a Wireframe, layout: &'a [LayoutNode] },
+    Frame(&'a Wireframe),
 }
 
 /// What a model looks like.
@@ -102,7 +105,7 @@ pub struct Look<'a> {
 impl<'a> Points<'a> {
     fn of(assembly: &Assembly, Look { layout, frame }: Look<'a>) -> Self {
         match frame {
-            Some(frame) if !assembly.is_line() => return Self::Frame { frame, layout },
+            Some(frame) if !assembly.is_line() => return Self::Frame(frame),
             None if !assembly.is_line() => return Self::Space(layout),
             _ => {}
         }
@@ -118,25 +121,34 @@ impl<'a> Points<'a> {
         Self::Line(between.chain([top_m]).collect())
     }
 
-    /// Of one shape over the degrees of freedom.
-    fn motion(&self, assembly: &Assembly, shape: &DMatrix<f64>) -> Vec<[f64; 4]> {
+    /// Point by point in each of these shapes over the degrees of freedom.
+    fn motions(&self, assembly: &Assembly, shapes: &DMatrix<f64>) -> Vec<Vec<[f64; 4]>> {
         match self {
             Self::Line(heights_m) => {
-                let at = |z_m: &f64| {
-                    let motion = assembly.axis_motion(*z_m) * shape;
-                    [motion[0], motion[1], 0.0, motion[4]]
+                let along: Vec<DMatrix<f64>> =
+                    heights_m.iter().map(|z_m| assembly.axis_motion(*z_m) * shapes).collect();
+                let of = |mode: usize| {
+                    let at = |motion: &DMatrix<f64>| [motion[(0, mode)], motion[(1, mode)], 0.0, motion[(4, mode)]];
+                    along.iter().map(at).collect()
                 };
-                heights_m.iter().map(at).collect()
+                (0..shapes.ncols()).map(of).collect()
             }
-            Self::Frame { frame, layout } => {
-                let motion = frame.motion(assembly, layout, shape);
-                motion.as_slice().chunks_exact(3).map(|of| [of[0], of[1], of[2], 0.0]).collect()
+            Self::Frame(frame) => {
+                let motion = frame.motion(assembly, shapes);
+                let of = |points: &[f64]| points.chunks_exact(3).map(|of| [of[0], of[1], of[2], 0.0]).collect();
+                motion.column_iter().map(|column| of(column.as_slice())).collect()
             }
             Self::Space(nodes) => {
-                let shape = assembly.at_rows(shape);
-                let of = |row: Option<usize>| row.and_then(|row| shape.get(row)).copied().unwrap_or(0.0);
-                let [ux, uy, uz, rz] = [0, 1, 5, 4];
-                nodes.iter().map(|node| [ux, uy, uz, rz].map(|dof: usize| of(node.rows[dof]))).collect()
+                let shapes = assembly.at_rows(shapes);
+                let of = |mode: usize| {
+                    let at = |row: Option<usize>| row.and_then(|row| shapes.get((row, mode))).copied().unwrap_or(0.0);
+                    let parts = |node: &LayoutNode| {
+                        let [x, y, z] = node.translations();
+                        [x, y, z, node.rows[RZ]].map(at)
+                    };
+                    nodes.iter().map(parts).collect()
+                };
+                (0..shapes.ncols()).map(of).collect()
             }
         }
     }
@@ -145,13 +157,13 @@ impl<'a> Points<'a> {
         match self {
             Self::Line(heights_m) => (1..heights_m.len()).map(|upper| [upper - 1, upper]).collect(),
             Self::Space(_) => Vec::new(),
-            Self::Frame { frame, .. } => frame.lines.clone(),
+            Self::Frame(frame) => frame.lines.clone(),
         }
     }
 
     fn surfaces(&self) -> Vec<Vec<usize>> {
         match self {
-            Self::Frame { frame, .. } => frame.surfaces.clone(),
+            Self::Frame(frame) => frame.surfaces.clone(),
             Self::Line(_) | Self::Space(_) => Vec::new(),
         }
     }
@@ -160,7 +172,7 @@ impl<'a> Points<'a> {
         match self {
             Self::Line(heights_m) => heights_m.into_iter().map(|z_m| [0.0, 0.0, z_m]).collect(),
             Self::Space(nodes) => nodes.iter().map(|node| node.position_m).collect(),
-            Self::Frame { frame, .. } => frame.places_m.clone(),
+            Self::Frame(frame) => frame.places_m.clone(),
         }
     }
 }

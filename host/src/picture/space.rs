@@ -8,8 +8,8 @@ use super::canvas::{
 };
 use crate::colour;
 use crate::compare::{Comparison, GroupMisfit, HeightMisfit, ModelView, scale};
-use crate::identify::Identification;
-use crate::model::{Assembly, LayoutNode, Wireframe};
+use crate::identify::{Identification, Mode};
+use crate::model::{Assembly, Wireframe, sides_m};
 use crate::modes::MeasuredMode;
 use crate::numbers::mac_words;
 use crate::study::Sensor;
@@ -64,9 +64,9 @@ pub fn shapes_in_space(
     sensors: &[Sensor],
     identification: &Identification,
 ) -> Result<Option<String>, PictureError> {
-    let panel = |mode: &crate::identify::Mode| {
-        let value = |sensor: &Sensor| {
-            let at_point = mode.shape.iter().find(|component| component.point == sensor.point);
+    let panel = |mode: &Mode| {
+        let value = |index: usize| {
+            let at_point = mode.shape.iter().find(|component| component.point == sensors[index].point);
             Some((at_point?.re, None))
         };
         let caption = format!("{}: {:.3} Hz", mode.number, mode.frequency_hz);
@@ -90,7 +90,8 @@ pub fn comparison_in_space(
     comparison: &Comparison,
     has_effects: bool,
 ) -> Result<Option<String>, PictureError> {
-    let SeenInSpace { frame, layout, assembly, view } = *seen;
+    let SeenInSpace { frame, assembly, view } = *seen;
+    let motions = frame.motion(assembly, &view.modes.shapes);
     let of_pairs = comparison.pairs.iter().filter_map(|pair| {
         let shape = measured.iter().find(|mode| mode.number == pair.measured)?.shape.as_ref()?;
         let model = view.shape(pair.model - 1);
@@ -99,13 +100,11 @@ pub fn comparison_in_space(
             let at = shape.sensors.iter().position(|&sensor| sensor == index)?;
             Some((shape.values[at], model.get(index).map(|there| factor * there)))
         };
-        let motion = frame.motion(assembly, layout, &view.modes.shapes.columns(pair.model - 1, 1).into_owned());
+        let motion = motions.column(pair.model - 1);
         let motion = motion.as_slice().chunks_exact(3).map(|of| [of[0], of[1], of[2]].map(|part| factor * part));
         let mac = pair.mac.map_or_else(String::new, |mac| format!(", MAC {}", mac_words(mac, 4)));
         let caption = format!("{}: {} %{mac}", pair.measured, signed(pair.frequency_error_percent, 1));
-        let index_of = |sensor: &Sensor| sensors.iter().position(|other| std::ptr::eq(other, sensor));
-        let marks = marks(sensors, |sensor| value(index_of(sensor)?));
-        Some(Panel { caption, model: Some(motion.collect()), marks })
+        Some(Panel { caption, model: Some(motion.collect()), marks: marks(sensors, value) })
     });
     let panels: Vec<Panel> = of_pairs.collect();
     let bars = match (&comparison.by_group[..], &comparison.by_height[..]) {
@@ -123,20 +122,19 @@ pub fn comparison_in_space(
 pub struct SeenInSpace<'a> {
     /// Its lines.
     pub frame: &'a Wireframe,
-    /// Where its nodes stand.
-    pub layout: &'a [LayoutNode],
     /// Its matrices.
     pub assembly: &'a Assembly,
     /// Its modes.
     pub view: &'a ModelView,
 }
 
-/// Sensors by place: each measured and, where it is known, the model's motion along its direction.
-fn marks(sensors: &[Sensor], value: impl Fn(&Sensor) -> Option<(f64, Option<f64>)>) -> Vec<Marked> {
+/// Sensors by place: each measured and, where it is known, the model's motion along its direction; `value` has these by the sensor's index.
+fn marks(sensors: &[Sensor], value: impl Fn(usize) -> Option<(f64, Option<f64>)>) -> Vec<Marked> {
     let mut marks: Vec<Marked> = Vec::new();
-    for sensor in sensors.iter().filter(|sensor| sensor.is_of_a_point() && sensor.dof.is_none()) {
+    let of_points = sensors.iter().enumerate().filter(|(_, sensor)| sensor.is_of_a_point() && sensor.dof.is_none());
+    for (index, sensor) in of_points {
         let (Some(z_m), Some(direction), Some((measured, model))) =
-            (sensor.elevation_m, sensor.direction, value(sensor))
+            (sensor.elevation_m, sensor.direction, value(index))
         else {
             continue;
         };
@@ -207,11 +205,7 @@ fn draw_all(
     }
     let camera = Camera::of(&frame.places_m);
     let all = || frame.places_m.iter().copied();
-    let side = |axis: usize| {
-        let along = all().map(|place| place[axis]);
-        along.clone().fold(f64::NEG_INFINITY, f64::max) - along.fold(f64::INFINITY, f64::min)
-    };
-    let travel_m = TRAVEL * (0..3).map(side).fold(0.0, f64::max);
+    let travel_m = TRAVEL * sides_m(all()).into_iter().fold(0.0, f64::max);
     let seen = all().chain(panels.iter().flat_map(|panel| panel.marks.iter().map(|mark| mark.place_m)));
     let (mut x, mut y) = ((f64::INFINITY, f64::NEG_INFINITY), (f64::INFINITY, f64::NEG_INFINITY));
     for (right, up) in seen.map(|place_m| camera.see(place_m)) {
@@ -224,13 +218,13 @@ fn draw_all(
     let width = WIDTH / columns;
     let height = ((f64::from(width) / aspect) as u32).clamp(90, HIGHEST) + CAPTION;
     let rows = (panels.len() as u32 + u32::from(bars.is_some())).div_ceil(columns);
+    let window = Window { camera, places_m: &frame.places_m, edges: frame.edges(), travel_m, x, y };
     let draw = |root: &Area<'_>| -> DrawResult {
         let (header, body) = root.split_vertically(HEADER);
         draw_header(&header, title, model)?;
         let areas = body.split_evenly((rows as usize, columns as usize));
         for (area, panel) in areas.iter().zip(panels) {
-            let window = Window { camera: &camera, travel_m, x: x.clone(), y: y.clone() };
-            window.draw(area, frame, panel, model)?;
+            window.draw(area, panel, model)?;
         }
         match (&bars, areas.get(panels.len())) {
             (Some(bars), Some(area)) => draw_bars(area, bars),
@@ -269,7 +263,9 @@ fn draw_header(header: &Area<'_>, title: &str, model: Option<RGBColor>) -> DrawR
 
 /// What a panel shows.
 struct Window<'a> {
-    camera: &'a Camera,
+    camera: Camera,
+    places_m: &'a [[f64; 3]],
+    edges: Vec<[usize; 2]>,
     /// The largest drawn motion.
     travel_m: f64,
     x: std::ops::Range<f64>,
@@ -277,7 +273,7 @@ struct Window<'a> {
 }
 
 impl Window<'_> {
-    fn draw(&self, area: &Area<'_>, frame: &Wireframe, panel: &Panel, model: Option<RGBColor>) -> DrawResult {
+    fn draw(&self, area: &Area<'_>, panel: &Panel, model: Option<RGBColor>) -> DrawResult {
         let (caption, body) = area.split_vertically(CAPTION);
         caption.draw(&Text::new(panel.caption.clone(), (12, 9), ("sans-serif", 13)))?;
         // One scale along both axes, in the middle of the panel.
@@ -299,19 +295,18 @@ impl Window<'_> {
             .map(length)
             .fold(0.0, f64::max);
         let amplitude = if largest > 0.0 { self.travel_m / largest } else { 0.0 };
-        let edges = frame.edges();
         let line = |ends: &[usize; 2], motion: Option<&[[f64; 3]]>| {
             ends.map(|end| {
-                let place_m = frame.places_m[end];
+                let place_m = self.places_m[end];
                 let motion = motion.and_then(|motion| motion.get(end)).copied().unwrap_or_default();
                 self.camera.see(moved(place_m, motion, amplitude))
             })
         };
-        for ends in &edges {
+        for ends in &self.edges {
             plane.curve(line(ends, None), Dashes::Full, FRAME.stroke_width(1))?;
         }
         if let (Some(motion), Some(colour)) = (&panel.model, model) {
-            for ends in &edges {
+            for ends in &self.edges {
                 plane.curve(line(ends, Some(motion)), Dashes::Full, colour.stroke_width(1))?;
             }
         }

@@ -3,7 +3,7 @@
 
 use crate::compare::{Comparison, GroupMisfit};
 use crate::diagnose::{GroupSquare, Unexplained};
-use crate::model::{Assembly, LayoutNode, LoadedModel};
+use crate::model::{Assembly, Custom, LayoutNode, LoadedModel, sides_m};
 use crate::study::Sensor;
 
 /// The groups of a model that is no tower, each with the channels at its nodes, in the study's order; empty for a tower.
@@ -20,14 +20,14 @@ impl Parts {
         }
         let rows: Vec<(&Sensor, Vec<usize>)> =
             sensors.iter().map(|sensor| (sensor, assembly.rows_seen_by(sensor))).collect();
-        let part = |group: &crate::model::Custom| {
+        let part = |group: &Custom| {
             let at_it = rows.iter().filter(|(_, seen)| seen.iter().any(|row| group.touches(*row)));
             (group.name.clone(), at_it.map(|(sensor, _)| sensor.channel.clone()).collect::<Vec<String>>())
         };
         Self(groups().map(part).filter(|(_, channels)| !channels.is_empty()).collect())
     }
 
-    /// The root mean square, or the mean, over each group's sensors of what each has.
+    /// The mean over each group's sensors of what each has; groups whose sensors have nothing are left out.
     fn of_each<'a>(&'a self, value: impl Fn(&str) -> Option<f64> + 'a) -> impl Iterator<Item = (String, f64)> + 'a {
         self.0.iter().filter_map(move |(name, channels)| {
             let values: Vec<f64> = channels.iter().filter_map(|channel| value(channel)).collect();
@@ -65,9 +65,6 @@ impl Parts {
 
 /// Whether nodes spread horizontally more than vertically; not where nothing is known of them.
 fn is_wide(nodes: &[LayoutNode]) -> bool {
-    let side = |axis: usize| {
-        let along = nodes.iter().map(|node| node.position_m[axis]);
-        along.clone().fold(f64::NEG_INFINITY, f64::max) - along.fold(f64::INFINITY, f64::min)
-    };
-    !nodes.is_empty() && side(0).hypot(side(1)) > side(2)
+    let [x_m, y_m, z_m] = sides_m(nodes.iter().map(|node| node.position_m));
+    x_m.hypot(y_m) > z_m
 }

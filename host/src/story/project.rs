@@ -271,7 +271,7 @@ impl Project {
         let (assembly, view) = (&case.assembly, &case.view);
         let picture = match &case.model.wireframe {
             Some(frame) if !assembly.is_line() && view.at_sensors.nrows() > 0 => {
-                let seen = SeenInSpace { frame, layout: &case.model.bare().layout(), assembly, view };
+                let seen = SeenInSpace { frame, assembly, view };
                 picture::comparison_in_space(name, &seen, sensors, measured, &comparison, has_effects)?
             }
             _ => picture::comparison(name, assembly, view, sensors, measured, &comparison, has_effects)?,

@@ -1,4 +1,4 @@
-//! Where named nodes of a model stand: the table that places its rows, or one of points alone, flows in; places by name flow out, and sensors that
+//! Where named nodes of a model stand: the file that places its rows, or a table of points alone, flows in; places by name flow out, and sensors that
 //! name a node get its place.
 
 use std::collections::HashMap;
@@ -7,13 +7,13 @@ use std::path::{Path, PathBuf};
 use thiserror::Error;
 
 use super::types::{Direction, LayoutFile, Model, ModelSource, STUDY_FILE, Sensor, Study};
+use crate::model::{LayoutError, is_list_of_rows, is_universal, read_universal_positions};
 use crate::modes::node_and_direction;
+use crate::nearest::nearest;
 use crate::table::{Table, TableError};
 
 /// What names the tables.
 const NAMED_BY: &str = "[model] in study.toml";
-/// What the cells of a position are.
-const METRES: &str = "a number in metres";
 
 /// Places of nodes by their names.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -27,9 +27,9 @@ pub struct Places {
 /// Why nodes have no places.
 #[derive(Debug, Error)]
 pub enum PlacesError {
-    /// The table itself.
+    /// The file itself.
     #[error(transparent)]
-    Table(#[from] TableError),
+    Layout(#[from] LayoutError),
     /// A name that no node has.
     #[error("{}, channel {channel}: model_node = \"{node}\", but {} has no such node{}", study.display(), file.display(), nearest.as_ref().map_or_else(String::new, |name| format!("; did you mean \"{name}\"?")))]
     NoSuchNode {
@@ -62,33 +62,34 @@ impl Places {
     /// Places of a model's nodes: its `points`, else those that the layout of its matrices has; `None` where it has neither.
     ///
     /// # Errors
-    /// [`TableError`] names file, line and column.
-    pub fn of(model: &Model, folder: &Path) -> Result<Option<Self>, TableError> {
+    /// [`LayoutError`] names the file, and the line.
+    pub fn of(model: &Model, folder: &Path) -> Result<Option<Self>, LayoutError> {
         let layout = match &model.source {
             ModelSource::Matrices(source) => source.layout.as_ref(),
             ModelSource::Beam(_) | ModelSource::Modes(_) => None,
         };
-        let of_layout = layout.and_then(|layout| match layout {
-            // CalculiX' list of rows has names alone.
-            LayoutFile::Dofs(path) if path.extension().is_some_and(|ending| ending == "dof") => None,
-            LayoutFile::Dofs(path) | LayoutFile::Nodes(path) => Some(path),
-        });
-        model.drawing.points.as_ref().or(of_layout).map(|path| Self::read(folder.join(path))).transpose()
+        match (&model.drawing.points, layout) {
+            (Some(path), _) => Ok(Some(Self::read(folder.join(path))?)),
+            (None, Some(LayoutFile::Nodes(path))) if is_universal(path) => {
+                let file = folder.join(path);
+                let positions = read_universal_positions(&file)?;
+                let by_name = positions.into_iter().map(|(node, place_m)| (node.to_string(), place_m)).collect();
+                Ok(Some(Self { by_name, file }))
+            }
+            // A list of rows has names alone.
+            (None, Some(LayoutFile::Dofs(path))) if is_list_of_rows(path) => Ok(None),
+            (None, Some(LayoutFile::Dofs(path) | LayoutFile::Nodes(path))) => Ok(Some(Self::read(folder.join(path))?)),
+            (None, None) => Ok(None),
+        }
     }
 
     fn read(file: PathBuf) -> Result<Self, TableError> {
         let table = Table::read(&file, NAMED_BY)?;
         let expected = "node,x_m,y_m,z_m (x_m and y_m may be absent)";
-        let (name, z) = (table.column("node", expected)?, table.column("z_m", expected)?);
-        let plan = [(table.find("x_m"), "x_m"), (table.find("y_m"), "y_m")];
+        let (name, columns) = (table.column("node", expected)?, table.place_columns(expected)?);
         let mut by_name = HashMap::new();
         for row in &table.rows {
-            let mut place_m = [0.0, 0.0, table.number(row, z, "z_m", METRES)?];
-            for (slot, (column, name)) in place_m.iter_mut().zip(plan) {
-                if let Some(column) = column {
-                    *slot = table.number(row, column, name, METRES)?;
-                }
-            }
+            let place_m = table.place_m(row, &columns)?;
             let text = table.text(row, name);
             if by_name.insert(text.to_owned(), place_m).is_some_and(|before| before != place_m) {
                 return Err(table.value(row, name, "node", "a node that stands nowhere else in an earlier line"));
@@ -110,11 +111,10 @@ impl Places {
 
     /// The name that is most like one that no node has.
     pub fn nearest_name(&self, node: &str) -> Option<String> {
-        let similarity = |name: &str| strsim::jaro_winkler(node, name);
-        let mut names: Vec<&String> = self.by_name.keys().collect();
-        names.sort();
-        let best = names.into_iter().max_by(|a, b| similarity(a).total_cmp(&similarity(b)))?;
-        (similarity(best) > 0.7).then(|| best.clone())
+        let mut names: Vec<&str> = self.by_name.keys().map(String::as_str).collect();
+        // Of names that are equally near, always the same.
+        names.sort_unstable();
+        nearest(node, names, 0.7).map(str::to_owned)
     }
 }
 
@@ -161,4 +161,35 @@ pub(super) fn place_sensors(study: &mut Study) -> Result<(), PlacesError> {
 fn named_by_channel(sensor: &Sensor) -> Option<(String, Direction)> {
     let (node, direction) = node_and_direction(&sensor.channel).or_else(|| node_and_direction(&sensor.point))?;
     Some((node.to_string(), *DIRECTIONS.get(direction)?))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The file is pyuff's, in mm.
+    #[test]
+    fn channels_stand_at_the_nodes_of_a_universal_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let nodes = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/tests-data/pyuff_nodes.unv"));
+        std::fs::copy(nodes, folder.path().join("nodes.unv")).unwrap();
+        let load = |sensor: &str| {
+            let text = format!(
+                "[structure]\nname = \"Chain\"\n[measured]\nmodes = \"modes.csv\"\n[[sensor]]\n{sensor}\n\
+                 [model.matrices]\nstiffness = \"k.mtx\"\nmass = \"m.mtx\"\nnodes = \"nodes.unv\"\n"
+            );
+            std::fs::write(folder.path().join(STUDY_FILE), text).unwrap();
+            Study::load(folder.path())
+        };
+        for named in ["channel = \"12x\"", "channel = \"top\"\nmodel_node = \"12\"\nazimuth_deg = 0"] {
+            let sensors = load(named).unwrap().sensors();
+            assert_eq!((sensors[0].offset_m, sensors[0].elevation_m), ([0.0; 2], Some(6.0)), "{named}");
+            assert_eq!(sensors[0].direction, Some(Direction::AzimuthDeg(0.0)), "{named}");
+        }
+        let unknown = load("channel = \"top\"\nmodel_node = \"122\"").unwrap_err().to_string();
+        assert!(unknown.contains("nodes.unv has no such node; did you mean \"12\"?"), "{unknown}");
+        std::fs::write(folder.path().join("nodes.unv"), "    -1\n    15\n  3 0 0 1 0.0 zero 1.0\n    -1\n").unwrap();
+        let damaged = load("channel = \"12x\"").unwrap_err().to_string();
+        assert!(damaged.contains("nodes.unv: line 3"), "{damaged}");
+    }
 }

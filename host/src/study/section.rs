@@ -7,6 +7,7 @@ use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
 use super::error::{FilePosition, StudyError};
+use crate::nearest::nearest;
 
 /// The text that all positions refer to.
 #[derive(Debug, Clone, Copy)]
@@ -95,7 +96,8 @@ impl<'a> Section<'a> {
         let Some((name, _)) = first_unknown else { return Ok(()) };
         let found = name.get_ref().to_string();
         Err(StudyError::UnknownKey {
-            near: nearest(&found, known),
+            // As near as a slip of the finger, or a longer word cut short.
+            near: nearest(&found, known.iter().copied(), 0.8),
             position: self.source.position(name.span(), self.dotted(&found)),
             known,
         })
@@ -126,13 +128,6 @@ impl<'a> Section<'a> {
             })
             .collect()
     }
-}
-
-/// The known key that `found` was most likely meant to be; as near as a slip of the finger, or a longer word cut short.
-fn nearest(found: &str, known: &[&'static str]) -> Option<&'static str> {
-    let similarity = |name: &str| strsim::jaro_winkler(found, name);
-    let best = known.iter().copied().max_by(|a, b| similarity(a).total_cmp(&similarity(b)))?;
-    (similarity(best) > 0.8).then_some(best)
 }
 
 impl<'a> Entry<'a> {

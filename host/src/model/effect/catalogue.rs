@@ -9,6 +9,7 @@ use super::{
     shear_flexibility, soil_springs, stiffness_loss, stiffness_scale, temperature_stiffness, tuned_mass_damper,
     wall_frame,
 };
+use crate::nearest::nearest;
 
 /// Every kind there is.
 pub const KINDS: &[&dyn EffectKind] = &[
@@ -51,11 +52,9 @@ pub const KINDS: &[&dyn EffectKind] = &[
 pub fn find(name: &str) -> Result<&'static dyn EffectKind, EffectError> {
     KINDS.iter().copied().find(|kind| kind.name() == name).ok_or_else(|| {
         let known: Vec<_> = KINDS.iter().map(|kind| kind.name()).collect();
-        let likeness = |kind: &&str| strsim::jaro_winkler(name, kind);
-        let nearest = known.iter().copied().max_by(|a, b| likeness(a).total_cmp(&likeness(b)));
         EffectError::UnknownKind {
             kind: name.to_owned(),
-            nearest: nearest.filter(|nearest| likeness(nearest) > 0.8),
+            nearest: nearest(name, known.iter().copied(), 0.8),
             known: known.join(", "),
         }
     })
