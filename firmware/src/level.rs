@@ -91,9 +91,8 @@ impl Meter {
     }
 
     fn state(&self) -> SensorState {
-        let taken = self.rows.saturating_sub(self.missing).max(1) as f32;
         // Second differences of white noise have six times its variance.
-        let (power, white) = (self.variance(), self.roughness.value() / (6.0 * taken));
+        let (power, white) = (self.variance(), self.roughness.value() / (6.0 * self.taken()));
         if self.missing == self.rows {
             // While it is started anew it gives none.
             if 2 * self.stale > self.rows { SensorState::Unsynchronised } else { SensorState::Absent }
@@ -110,27 +109,29 @@ impl Meter {
         }
     }
 
+    /// Readings, to divide sums by; 1 where there are none, whose sums are 0.
+    fn taken(&self) -> f32 {
+        self.rows.saturating_sub(self.missing).max(1) as f32
+    }
+
+    fn mean_about_reference(&self) -> f32 {
+        self.sum.value() / self.taken()
+    }
+
     fn variance(&self) -> f32 {
-        match self.rows.saturating_sub(self.missing) {
-            0 => 0.0,
-            taken => {
-                let mean = self.sum.value() / taken as f32;
-                (self.squares.value() / taken as f32 - mean * mean).max(0.0)
-            }
-        }
+        let mean = self.mean_about_reference();
+        (self.squares.value() / self.taken() - mean * mean).max(0.0)
     }
 
     fn mean(&self) -> f32 {
-        let taken = self.rows.saturating_sub(self.missing).max(1) as f32;
-        self.reference.unwrap_or(0.0) + self.sum.value() / taken
+        self.reference.unwrap_or(0.0) + self.mean_about_reference()
     }
 
     /// The square root is micromath's, up to 6 % off: enough to tell a live sensor from a dead one. Who wants more takes the variance.
     fn level(&self) -> f32 {
-        // Of 0 it would be a little more.
-        Some(self.variance())
-            .filter(|&variance| variance > 0.0)
-            .map_or(0.0, |variance| micromath::F32(variance).sqrt().0)
+        let variance = self.variance();
+        // The fast root of 0 is a little more than 0.
+        if variance > 0.0 { micromath::F32(variance).sqrt().0 } else { 0.0 }
     }
 }
 

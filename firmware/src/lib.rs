@@ -17,6 +17,8 @@ pub mod adxl355;
 mod decimator;
 mod inbox;
 mod level;
+#[cfg(test)]
+mod listening;
 mod node;
 mod outbox;
 mod plan;

@@ -65,7 +65,7 @@ impl Plan {
         Ok(Self { hash: configuration.hash(), configuration, stages, schedule, cells })
     }
 
-    /// Whether averaged densities alone are sent, over lines that have half a byte a second for a channel.
+    /// Whether averaged densities alone are sent, which are to take half a byte a second and channel.
     pub(crate) fn is_sparing(&self) -> bool {
         matches!(self.configuration.summary, Summary::Psd { .. })
     }

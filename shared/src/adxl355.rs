@@ -43,7 +43,7 @@ pub const fn setting_for(rate_mhz: u32) -> u8 {
 
 /// The nominal ODR of a setting in Hz.
 pub fn odr_hz(setting: u8) -> f64 {
-    f64::from(FASTEST_MHZ) * 1e-3 / f64::from(1_u32 << setting.min(SETTINGS - 1))
+    1e9 / period_ns(setting) as f64
 }
 
 /// The nominal period of the ODR of a setting in ns.

@@ -130,7 +130,7 @@ pub enum NodeMessage<'a> {
     Refused(Refusal),
     /// The node's answer to a clock request.
     Clock(ClockReply),
-    /// A sign of life, every two minutes.
+    /// A sign of life, every two minutes; of a node that sends densities alone, every two and a half.
     Heartbeat(Heartbeat),
     /// Part 0 of a window.
     Head(WindowHead),

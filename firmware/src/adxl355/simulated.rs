@@ -77,16 +77,13 @@ struct State {
     tones: Vec<Tone>,
     registers: [u8; 128],
     now_s: f64,
-    /// Periods of the ODR since the sensor began to measure, and when that count was taken.
+    /// Periods of the ODR from when the sensor began to measure until now.
     periods: f64,
-    counted_s: f64,
     /// The samples of the decimation filter, by their numbers; the newest last.
     decimated: Vec<(u64, [f64; CHANNELS])>,
     axes: [i32; CHANNELS],
     is_ready: bool,
     fifo: Vec<i32>,
-    /// Samples taken so far.
-    taken: u64,
     fuses_until_s: f64,
     random: u64,
 }
@@ -103,12 +100,10 @@ impl Simulated {
             registers: [0; 128],
             now_s: 0.0,
             periods: 0.0,
-            counted_s: 0.0,
             decimated: Vec::new(),
             axes: [0; CHANNELS],
             is_ready: false,
             fifo: Vec::new(),
-            taken: 0,
             fuses_until_s: 0.0,
             random: 0x9E37_79B9_7F4A_7C15,
         };
@@ -166,7 +161,7 @@ impl State {
 
     /// Begins to measure, or stops.
     fn start(&mut self) {
-        (self.periods, self.counted_s, self.is_ready) = (0.0, self.now_s, false);
+        (self.periods, self.is_ready) = (0.0, false);
         self.decimated.clear();
         self.fifo.clear();
     }
@@ -217,7 +212,6 @@ impl State {
         let before = self.periods as u64;
         self.periods += (dt + scatter).max(0.0) * self.odr();
         self.now_s += dt;
-        self.counted_s = self.now_s;
         if !self.is_measuring() {
             self.periods = 0.0;
             return;
@@ -235,7 +229,7 @@ impl State {
             return *axes;
         }
         let odr = self.odr();
-        let time_s = self.counted_s - (self.periods - number as f64) / odr;
+        let time_s = self.now_s - (self.periods - number as f64) / odr;
         // What the sheet's delay of both filters leaves beside that of the interpolation's 190 taps.
         let interpolation = 0.5 * (3 * (STEPS - 1)) as f64 / STEPS as f64;
         let seen_s = time_s - (self.delay_periods() - interpolation) / odr;
@@ -282,7 +276,6 @@ impl State {
     fn take(&mut self, axes: [f64; CHANNELS]) {
         self.axes = axes.map(|value| ((value * DIGITS).round() as i32).clamp(-(1 << 19), (1 << 19) - 1));
         self.is_ready = true;
-        self.taken += 1;
         self.fifo.extend(self.axes);
         let excess = self.fifo.len().saturating_sub(FIFO_ENTRIES);
         self.fifo.drain(..excess);

@@ -2,10 +2,11 @@
 
 use super::simulated::{Simulated, Tone, Traits};
 use super::*;
+use crate::listening::listen;
 use crate::sampling::{Fetcher, Row};
 use crate::{Identity, Memory, Node};
 use belfry_shared::adxl355::{correction_per_hz2, odr_hz};
-use belfry_shared::frame::{FrameDecoder, MAX_FRAME_BYTES};
+use belfry_shared::frame::MAX_FRAME_BYTES;
 use belfry_shared::message::{
     self, Band, Configuration, Conversation, Greeting, Heartbeat, HostMessage, InConversation, NodeMessage,
     SensorState, Summary, WindowHead,
@@ -180,17 +181,7 @@ impl Rig {
 
     fn listen(&mut self) {
         let now = NodeTime((1e6 * self.sensor.now_s()) as u64);
-        while self.node.poll(now) {}
-        let mut decoder = FrameDecoder::new();
-        let mut bytes = [0; MAX_FRAME_BYTES];
-        while self.node.has_bytes() {
-            let count = self.node.transmit(now, &mut bytes);
-            for &byte in &bytes[..count] {
-                if let Some(frame) = decoder.push(byte) {
-                    self.frames.push(frame.unwrap().message.to_vec());
-                }
-            }
-        }
+        listen(&mut self.node, now, &mut self.frames);
     }
 
     fn heartbeats(&self) -> Vec<Heartbeat> {
@@ -305,8 +296,7 @@ fn phases_are_within_0_05_degrees_and_gains_within_0_1_db_whatever_the_oscillato
         for oscillator in [-0.02, 0.007, 0.02] {
             let configuration = configuration(rate_hz, decimation);
             let spacing_hz = spacing_hz(&configuration);
-            let numbers: Vec<usize> =
-                (0..23).map(|index| FIRST_LINE + 4 * index).filter(|line| line - FIRST_LINE < LINES).collect();
+            let numbers: Vec<usize> = (FIRST_LINE..FIRST_LINE + LINES).step_by(4).collect();
             let tones: Vec<Tone> = numbers
                 .iter()
                 .enumerate()
@@ -416,7 +406,7 @@ fn a_broken_wire_of_the_pulses_is_found_out_and_told() {
     rig.run(15_000);
     rig.sensor.change(|traits| traits.has_pulses = false);
     assert!(rig.fetcher.take_lost().is_none());
-    rig.run(u64::from(16_u8));
+    rig.run(16);
     assert!(rig.fetcher.take_lost().is_some(), "sixteen stale rows are no chance");
     // A start does not mend a wire.
     for _ in 0..70 {

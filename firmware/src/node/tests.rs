@@ -1,6 +1,7 @@
 //! The node from outside: bytes and samples in, frames out.
 
 use super::*;
+use crate::listening::listen;
 use belfry_shared::decimation::Stages;
 use belfry_shared::frame::PROTOCOL_VERSION;
 use belfry_shared::message::{Acknowledgement, Again, Band, ChannelState, FaultKind, Greeting, RefusalReason, Summary};
@@ -100,20 +101,8 @@ impl Bench {
 
     /// Lets the node work and collects what it says.
     fn listen(&mut self) {
-        while self.node.poll(self.now()) {}
-        let mut decoder = FrameDecoder::new();
-        let mut bytes = [0; 64];
-        loop {
-            let count = self.node.transmit(self.now(), &mut bytes);
-            if count == 0 {
-                break;
-            }
-            for &byte in &bytes[..count] {
-                if let Some(frame) = decoder.push(byte) {
-                    self.frames.push(frame.unwrap().message.to_vec());
-                }
-            }
-        }
+        let now = self.now();
+        listen(&mut self.node, now, &mut self.frames);
     }
 
     fn run(&mut self, rows: u64, readings: impl Fn(u64) -> [f32; 2] + Copy) {

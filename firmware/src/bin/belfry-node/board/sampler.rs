@@ -8,6 +8,7 @@ use core::cell::RefCell;
 
 use belfry_firmware::adxl355::{self, Adxl355};
 use belfry_firmware::sampling::{Fetcher, Row};
+use belfry_shared::time::NodeTime;
 use critical_section::Mutex;
 use heapless::spsc::{Consumer, Producer, Queue};
 use stm32f4xx_hal::gpio::{Alternate, Pin, Speed};
@@ -90,7 +91,7 @@ pub(super) struct Sampler {
     rate_uhz: Option<u64>,
     pin: Option<PulsePin>,
     bus: Option<Bus>,
-    looked: Option<ticks::NodeTime>,
+    looked: Option<NodeTime>,
 }
 
 impl Sampler {
@@ -155,11 +156,11 @@ impl Sampler {
         let start = self.timer.cnt().read().bits();
         // SAFETY: as above.
         self.timer.arr().write(|w| unsafe { w.bits(reload) });
-        let has_begun = with_shared(|shared| {
+        let counts_from_zero = with_shared(|shared| {
             shared.timekeeping.begin(start, reload);
-            !shared.timekeeping.counts_from_zero()
+            shared.timekeeping.counts_from_zero()
         });
-        if has_begun != Some(true) {
+        if counts_from_zero == Some(true) {
             self.timer.egr().write(|w| w.ug().set_bit());
         }
         self.timer.sr().write(|w| w.uif().clear_bit());

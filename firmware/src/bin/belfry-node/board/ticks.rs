@@ -2,7 +2,7 @@
 
 use core::cell::Cell;
 
-pub(super) use belfry_shared::time::NodeTime;
+use belfry_shared::time::NodeTime;
 use critical_section::Mutex;
 use stm32f4xx_hal::pac;
 use stm32f4xx_hal::rcc::{Enable, Rcc, Reset};
