@@ -276,13 +276,7 @@ impl Collected {
                 if nodes.insert(head.window.name.node) {
                     let window = NodeWindow { channels: data, ..head.window.clone() };
                     place_lines(&self.setup.grid, window, channels, whole);
-                    // Archives hold what nodes have sent; a calibration may come later.
-                    for &channel in channels {
-                        let gain = setup.sensors.get(channel).and_then(|sensor| sensor.gain);
-                        if let (Some(gain), Some(Some(lines))) = (gain, whole.channels.get_mut(channel)) {
-                            lines.iter_mut().for_each(|line| *line *= gain as f32);
-                        }
-                    }
+                    calibrate(setup, channels, whole);
                 }
             }
         }
@@ -324,6 +318,16 @@ impl Collected {
             }
         }
         columns
+    }
+}
+
+/// Multiplies lines in these channels by their sensors' gains. Archives hold what nodes have sent; a calibration may come later.
+fn calibrate(setup: &Setup, channels: &[usize], whole: &mut WindowLines) {
+    for &channel in channels {
+        let gain = setup.sensors.get(channel).and_then(|sensor| sensor.gain);
+        if let (Some(gain), Some(Some(lines))) = (gain, whole.channels.get_mut(channel)) {
+            lines.iter_mut().for_each(|line| *line *= gain as f32);
+        }
     }
 }
 

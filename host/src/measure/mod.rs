@@ -32,7 +32,7 @@ use crate::spectra::{
     CrossSpectrum, CrossSpectrumAccumulator, LineGrid, Lines, PlanError, SetupExtent, SpectraError, SpectralPlan,
     WindowLines, rows_for,
 };
-use crate::study::{Analysis, Setup, Study};
+use crate::study::{Analysis, Sensor, Setup, Study};
 use faults::{
     alone_sentence, copy_sentences, drift_sentences, fault_sentences, left_out_sentences, noisy_sentence,
     reader_sentences, silenced_sentences,
@@ -335,7 +335,7 @@ fn prepare_lines(study: &Study, route: Route, lines: Lines) -> Result<Prepared<'
 
 /// By what a setup's readings are multiplied, where study.toml says so.
 fn gains_in_words(setup: &Setup) -> Option<String> {
-    let of = |sensor: &crate::study::Sensor| Some(format!("{} by {}", sensor.channel, sensor.gain?));
+    let of = |sensor: &Sensor| Some(format!("{} by {}", sensor.channel, sensor.gain?));
     let gains: Vec<String> = setup.sensors.iter().filter_map(of).collect();
     (!gains.is_empty()).then(|| format!("Setup \"{}\": readings multiplied, {}.", setup.name, gains.join(", ")))
 }

@@ -26,6 +26,11 @@ fn flash_and_ram(program: &Path) -> (u64, u64) {
     (flash, ram)
 }
 
+/// A TOML file of the repository.
+fn table(file: &str) -> toml::Table {
+    std::fs::read_to_string(repository().join(file)).unwrap().parse().unwrap()
+}
+
 /// What `firmware/count.sh` prints: of which kind a number is, of what size, and the number.
 fn counts() -> &'static [(String, u32, u64)] {
     static COUNTS: OnceLock<Vec<(String, u32, u64)>> = OnceLock::new();
@@ -70,8 +75,7 @@ fn spectra_of_every_length_have_the_same_bits_on_the_board() {
 #[test]
 #[cfg_attr(not(emulator), ignore = "needs qemu-system-arm and a compiler for the board")]
 fn the_program_is_no_larger_and_no_slower_than_recorded() {
-    let record: toml::Table =
-        std::fs::read_to_string(repository().join("firmware/figures.toml")).unwrap().parse().unwrap();
+    let record = table("firmware/figures.toml");
     let recorded = |name: &str| {
         let mut words = name.split('.');
         let first = record.get(words.next().unwrap());
@@ -112,8 +116,6 @@ fn the_program_is_no_larger_and_no_slower_than_recorded() {
 /// `cargo run` in firmware/ takes its development profile, which has to be the one that all of this is measured with.
 #[test]
 fn what_cargo_run_flashes_is_built_as_what_is_tested() {
-    let table =
-        |file: &str| -> toml::Table { std::fs::read_to_string(repository().join(file)).unwrap().parse().unwrap() };
     let profile = |table: &toml::Table, name: &str| table["profile"][name].as_table().unwrap().clone();
     let (workspace, flashed) = (table("Cargo.toml"), table("firmware/.cargo/config.toml"));
     let mut tested = profile(&workspace, "firmware");
