@@ -1,4 +1,4 @@
-//! Numbers as engineers write them, the same in what commands print, in pictures and on the page.
+//! Numbers as engineers write them, the same in what commands print, in pictures and on the page; and as Fortran writes them, to be read.
 
 /// A number with so many digits after the point; never "-0.00".
 pub(crate) fn fixed(value: f64, digits: usize) -> String {
@@ -64,6 +64,11 @@ pub(crate) fn probability_text(probability: f64) -> String {
 pub(crate) fn mac_words(mac: f64, digits: usize) -> String {
     let unit = 10f64.powi(digits as i32);
     format!("{:.digits$}", (mac * unit).floor() / unit)
+}
+
+/// A number whose exponent may begin with Fortran's letter for double precision: `1.5D+3`.
+pub(crate) fn fortran(text: &str) -> Option<f64> {
+    text.replace(['d', 'D'], "e").parse().ok()
 }
 
 #[cfg(test)]

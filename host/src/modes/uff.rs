@@ -14,6 +14,7 @@ use num_complex::Complex64;
 use super::channel::known_channels;
 use super::error::MeasuredError;
 use super::shape::{RawComponent, RawMode};
+use crate::numbers::fortran;
 use crate::study::Sensor;
 
 const DIRECTIONS: [&str; 3] = ["x", "y", "z"];
@@ -215,8 +216,8 @@ impl<'a> Lines<'a> {
             let line = self.take().filter(|line| line.trim() != "-1");
             let line = line.ok_or_else(|| self.syntax(&format!("the dataset ends where {what} was expected")))?;
             for word in line.split_whitespace() {
-                let number = word.replace(['d', 'D'], "e").parse::<f64>();
-                numbers.push(number.map_err(|_| self.syntax(&format!("`{word}` is no number ({what})")))?);
+                let number = fortran(word);
+                numbers.push(number.ok_or_else(|| self.syntax(&format!("`{word}` is no number ({what})")))?);
             }
         }
         Ok(numbers)

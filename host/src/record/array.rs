@@ -1,4 +1,4 @@
-//! Arrays of binary numbers, in a file or in memory, read row by row: what NPY and MATLAB files have in common.
+//! Arrays of binary numbers, in a file or in memory, read row by row: what NPY, MATLAB and HDF5 files have in common.
 
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom};
@@ -9,6 +9,9 @@ use nalgebra::DMatrix;
 use super::columns::Selection;
 use super::error::{FilePosition, RecordError};
 use super::row_reader::{Progress, RowReader, Rows};
+
+/// More bytes than this are not kept in memory: what is inflated or put together goes into a file without a name.
+pub(super) const MOST_IN_MEMORY: u64 = 1 << 26;
 
 /// How a number is stored.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -71,6 +74,12 @@ impl Sample {
     pub(super) fn swap(self, raw: &mut [u8]) {
         raw.chunks_exact_mut(self.bytes()).for_each(<[u8]>::reverse);
     }
+}
+
+/// A whole number without a sign, of eight bytes at most.
+pub(super) fn whole_number(bytes: &[u8], big_endian: bool) -> u64 {
+    let add = |number: u64, byte: &u8| (number << 8) | u64::from(*byte);
+    if big_endian { bytes.iter().fold(0, add) } else { bytes.iter().rev().fold(0, add) }
 }
 
 /// Where decoded numbers go in a block's row-major values.

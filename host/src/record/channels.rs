@@ -6,7 +6,7 @@
 use std::path::{Path, PathBuf};
 
 use super::array::{Placement, Sample, Source};
-use super::clock::RATE_TOLERANCE;
+use super::clock::is_rate;
 use super::columns::Columns;
 use super::error::{At, FilePosition, RecordError};
 use super::row_reader::{Progress, RowReader, Rows};
@@ -25,6 +25,13 @@ pub(super) enum Form {
     Steim { kind: Steim, bytes: u32, big_endian: bool },
 }
 
+impl Form {
+    /// Samples one after the other, from byte `offset` on.
+    pub(super) fn packed(sample: Sample, big_endian: bool, offset: u64) -> Self {
+        Self::Plain { sample, big_endian, stride: sample.bytes() as u64, record: offset }
+    }
+}
+
 /// A stretch of one channel's samples.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Stretch {
@@ -36,14 +43,6 @@ pub(super) struct Stretch {
     /// Byte of its first sample.
     pub(super) offset: u64,
     pub(super) form: Form,
-}
-
-impl Stretch {
-    /// Samples one after the other.
-    pub(super) fn packed(row: u64, count: u64, source: usize, offset: u64, sample: Sample, big_endian: bool) -> Self {
-        let form = Form::Plain { sample, big_endian, stride: sample.bytes() as u64, record: offset };
-        Self { row, count, source, offset, form }
-    }
 }
 
 /// One channel of a file or of several.
@@ -97,7 +96,7 @@ impl ChannelReader {
         setup: &Setup,
     ) -> Result<Self, RecordError> {
         let rows = channels.iter().map(Channel::end).max().unwrap_or(0);
-        let file = sources.first().map(|(path, _)| path.clone()).unwrap_or_default();
+        let file = path_of(&sources, 0);
         if rows == 0 {
             return Err(RecordError::Empty { file });
         }
@@ -118,10 +117,8 @@ impl ChannelReader {
             let Some(channel) = reader.channels.get(columns.find(&sensor.channel, &file)?) else { continue };
             let stated_hz = setup.sampling_rate_hz;
             let Some(measured_hz) = channel.rate_hz else { continue };
-            let deviation = (measured_hz / stated_hz - 1.0).abs();
-            if deviation.is_nan() || deviation > RATE_TOLERANCE {
-                let file = channel.stretches.first().and_then(|first| reader.sources.get(first.source));
-                let file = file.map(|(path, _)| path.clone()).unwrap_or_default();
+            if !is_rate(measured_hz, stated_hz) {
+                let file = path_of(&reader.sources, channel.stretches.first().map_or(0, |first| first.source));
                 return Err(RecordError::StatedRate { file, channel: sensor.channel.clone(), measured_hz, stated_hz });
             }
         }
@@ -304,10 +301,14 @@ impl RowReader for ChannelReader {
         let stretch = self.channels.iter().zip(&self.next).find_map(|(channel, next)| {
             channel.stretches.get(next.saturating_sub(1)..).unwrap_or_default().iter().take(1 << 13).find(holds)
         });
-        let source = self.sources.get(stretch.map_or(0, |stretch| stretch.source));
-        let file = source.map(|(path, _)| path.clone()).unwrap_or_default();
+        let file = path_of(&self.sources, stretch.map_or(0, |stretch| stretch.source));
         FilePosition { file, at: At::Row(row + 1) }
     }
+}
+
+/// The file that a source is in.
+pub(super) fn path_of(sources: &[(PathBuf, Source)], source: usize) -> PathBuf {
+    sources.get(source).map(|(path, _)| path.clone()).unwrap_or_default()
 }
 
 /// For what is wrong with a file's form.

@@ -5,8 +5,8 @@
 use super::error::{FilePosition, RecordError};
 use crate::statistics::median;
 
-/// A time column's step (or a dataset's) may differ from the sampling rate by this much.
-pub(super) const RATE_TOLERANCE: f64 = 1e-3;
+/// A time column's step (or the rate that a file states) may differ from the sampling rate by this much.
+const RATE_TOLERANCE: f64 = 1e-3;
 /// Rows that may be filled into one recording: 55 h at 50 Hz. More is a wrong time column, not a gap.
 pub(super) const MOST_FILLED_ROWS: u64 = 10_000_000;
 /// The rate is compared with the setup's over stretches of this many steps.
@@ -121,12 +121,17 @@ impl Clock {
         let measured_hz = f64::from(self.regular_steps) / self.regular_s;
         self.regular_s = 0.0;
         self.regular_steps = 0;
-        if (measured_hz / self.sampling_rate_hz - 1.0).abs() <= RATE_TOLERANCE {
+        if is_rate(measured_hz, self.sampling_rate_hz) {
             return Ok(());
         }
         let (position, column, stated_hz) = (position.clone(), column.to_owned(), self.sampling_rate_hz);
         Err(RecordError::RateDiffers { position, column, measured_hz, stated_hz })
     }
+}
+
+/// Whether a file's rate is the setup's, within 0.1 %; one that is no number is none.
+pub(super) fn is_rate(measured_hz: f64, stated_hz: f64) -> bool {
+    (measured_hz / stated_hz - 1.0).abs() <= RATE_TOLERANCE
 }
 
 /// Compares a file's first times with `sampling_rate_hz`; `position` is where they start.

@@ -60,6 +60,11 @@ impl fmt::Display for Columns {
 }
 
 impl Columns {
+    /// The column (from 0) of each sensor.
+    pub(super) fn find_all(&self, sensors: &[Sensor], file: &Path) -> Result<Vec<usize>, RecordError> {
+        sensors.iter().map(|sensor| self.find(&sensor.channel, file)).collect()
+    }
+
     /// The column (from 0) that a sensor's `channel` names.
     pub(super) fn find(&self, channel: &str, file: &Path) -> Result<usize, RecordError> {
         let unknown = || RecordError::UnknownChannel {
@@ -121,7 +126,7 @@ impl Selection {
     pub(super) fn new(setup: &Setup, columns: &Columns, file: &Path) -> Result<Self, RecordError> {
         let sensors = &setup.sensors;
         Ok(Self {
-            columns: sensors.iter().map(|sensor| columns.find(&sensor.channel, file)).collect::<Result<_, _>>()?,
+            columns: columns.find_all(sensors, file)?,
             factors: sensors.iter().map(|sensor| si_factor(setup.unit_of(sensor), sensor)).collect::<Result<_, _>>()?,
             channels: sensors.iter().map(|sensor| sensor.channel.clone()).collect(),
         })

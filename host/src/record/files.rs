@@ -1,6 +1,7 @@
-//! A setup's files: patterns flow in, existing files in the order of time flow out.
+//! A setup's files: patterns flow in, existing files in the order of time flow out, and open ones that hold something.
 
 use std::collections::HashSet;
+use std::fs::File;
 use std::path::{Path, PathBuf};
 
 use super::error::RecordError;
@@ -22,6 +23,15 @@ pub(crate) fn matching_files(setup: &Setup, folder: &Path) -> Result<Vec<PathBuf
         }
     }
     Ok(files)
+}
+
+/// Opens a file for reading; also its bytes, of which there is one at least.
+pub(super) fn open_file(path: &Path) -> Result<(File, u64), RecordError> {
+    let file = File::open(path).map_err(RecordError::io(path))?;
+    match file.metadata().map_err(RecordError::io(path))?.len() {
+        0 => Err(RecordError::Empty { file: path.to_owned() }),
+        bytes => Ok((file, bytes)),
+    }
 }
 
 fn matches(pattern: &str, folder: &Path) -> Result<Vec<PathBuf>, RecordError> {

@@ -129,9 +129,9 @@ impl Recording {
         self.selection.columns.len()
     }
 
-    /// Exact number of rows of the whole recording, filled gaps and those between joined blocks included. At once for NPY, MATLAB and binary
-    /// universal files, and for Parquet without a time column; text is read through (without parsing its samples), so
-    /// call it once.
+    /// Exact number of rows of the whole recording, filled gaps and those between joined blocks included. At once for NPY, MATLAB, HDF5, WAV,
+    /// TDMS and SAC, and for Parquet without a time column; heads of records of miniSEED and datasets of universal files are gone through, and
+    /// text is read through (without parsing its samples), so call it once.
     ///
     /// # Errors
     /// Where a file cannot be read, or its time column goes wrong.

@@ -3,13 +3,13 @@
 //! Formats are those of the "SEED Reference Manual" 2.4 and of the FDSN's "miniSEED 3". Heads of records are read on opening, some 150 bytes kept of
 //! each; samples when rows reach them. Of both compressions of Steim and of plain numbers.
 
-use std::fs::File;
 use std::io::{BufReader, Read};
 use std::path::Path;
 
-use super::array::{Sample, Source};
+use super::array::{Sample, Source, whole_number};
 use super::channels::{Form, wrong_form};
 use super::error::RecordError;
+use super::files::open_file;
 use super::steim::Steim;
 use super::traces::{Piece, Traces, unix_ns};
 
@@ -34,11 +34,7 @@ struct Record {
 
 /// Adds the records of a file to those of others.
 pub(super) fn add(path: &Path, traces: &mut Traces) -> Result<(), RecordError> {
-    let file = File::open(path).map_err(RecordError::io(path))?;
-    let size = file.metadata().map_err(RecordError::io(path))?.len();
-    if size == 0 {
-        return Err(RecordError::Empty { file: path.to_owned() });
-    }
+    let (file, size) = open_file(path)?;
     let source = traces.sources.len();
     let again = file.try_clone().map_err(RecordError::io(path))?;
     traces.sources.push((path.to_owned(), Source::File(again)));
@@ -58,7 +54,8 @@ pub(super) fn add(path: &Path, traces: &mut Traces) -> Result<(), RecordError> {
             return at(&format!("the file is cut short: its last record has {} bytes", record.bytes));
         }
         let [from, length] = record.data;
-        if let Some(form) = form(&record).filter(|_| record.count > 0) {
+        let start = offset + from;
+        if let Some(form) = form(&record, start).filter(|_| record.count > 0) {
             let needed = match form {
                 Form::Plain { stride, .. } => record.count.saturating_mul(stride),
                 // A frame of 64 bytes holds 105 differences at most.
@@ -67,15 +64,9 @@ pub(super) fn add(path: &Path, traces: &mut Traces) -> Result<(), RecordError> {
             if needed > length {
                 return at(&format!("a record of {} samples in {length} bytes", record.count));
             }
-            let form = match form {
-                Form::Plain { sample, big_endian, stride, .. } => {
-                    Form::Plain { sample, big_endian, stride, record: offset + from }
-                }
-                steim => steim,
-            };
             let name = traces.name(&record.name);
             let Record { start_ns, rate_hz, count, .. } = record;
-            traces.push(Piece { name, start_ns, rate_hz, count, source, offset: offset + from, form });
+            traces.push(Piece { name, start_ns, rate_hz, count, source, offset: start, form });
         } else if record.count > 0 && record.encoding != 0 {
             return at(&format!(
                 "`{}` is encoded by number {}; whole numbers, floats and Steim 1 and 2 are read",
@@ -88,8 +79,8 @@ pub(super) fn add(path: &Path, traces: &mut Traces) -> Result<(), RecordError> {
     Ok(())
 }
 
-/// How its samples stand; `None` of text, and of what is not read.
-fn form(record: &Record) -> Option<Form> {
+/// How its samples stand, the first at byte `start`; `None` of text, and of what is not read.
+fn form(record: &Record, start: u64) -> Option<Form> {
     let sample = match record.encoding {
         1 => Sample::I16,
         3 => Sample::I32,
@@ -101,7 +92,7 @@ fn form(record: &Record) -> Option<Form> {
         }
         _ => return None,
     };
-    Some(Form::Plain { sample, big_endian: record.big_endian, stride: sample.bytes() as u64, record: 0 })
+    Some(Form::packed(sample, record.big_endian, start))
 }
 
 /// Whole numbers of a record, in its order of bytes.
@@ -112,9 +103,7 @@ struct Fields<'a> {
 
 impl Fields<'_> {
     fn number(&self, at: usize, count: usize) -> Option<u64> {
-        let bytes = self.bytes.get(at..at + count)?;
-        let add = |number: u64, byte: &u8| (number << 8) | u64::from(*byte);
-        Some(if self.big_endian { bytes.iter().fold(0, add) } else { bytes.iter().rev().fold(0, add) })
+        Some(whole_number(self.bytes.get(at..at + count)?, self.big_endian))
     }
 
     fn short(&self, at: usize) -> Option<i64> {

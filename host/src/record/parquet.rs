@@ -9,7 +9,6 @@ mod footer;
 mod guard;
 
 use std::fmt;
-use std::fs::File;
 use std::path::{Path, PathBuf};
 
 use parquet::column::reader::ColumnReader;
@@ -20,6 +19,7 @@ use parquet::schema::types::ColumnDescriptor;
 use super::clock::{Clock, check_rate};
 use super::columns::{Columns, is_time_column};
 use super::error::{At, FilePosition, RecordError};
+use super::files::open_file;
 use super::row_reader::{RowReader, Rows};
 use crate::study::Sensor;
 use chunks::Chunks;
@@ -86,10 +86,7 @@ impl fmt::Debug for ParquetReader {
 impl ParquetReader {
     /// Opens a file and finds that the channels of `sensors` are numbers. A time column that no sensor claims is noted.
     pub(super) fn open(path: &Path, sensors: &[Sensor]) -> Result<Self, RecordError> {
-        let mut file = File::open(path).map_err(RecordError::io(path))?;
-        if file.metadata().map_err(RecordError::io(path))?.len() == 0 {
-            return Err(RecordError::Empty { file: path.to_owned() });
-        }
+        let (mut file, _) = open_file(path)?;
         if announces_too_much(&mut file).map_err(RecordError::io(path))? {
             return Err(RecordError::parquet(path, "its footer announces more than a footer holds"));
         }

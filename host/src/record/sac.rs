@@ -2,13 +2,13 @@
 //!
 //! The format is that of the "SAC Data File Format" (versions 6 and 7, evenly spaced time series), in either order of bytes.
 
-use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
 use std::path::Path;
 
 use super::array::{Sample, Source};
 use super::channels::{Form, wrong_form};
 use super::error::RecordError;
+use super::files::open_file;
 use super::traces::{Piece, Traces, unix_ns};
 
 const HEADER_BYTES: u64 = 632;
@@ -30,11 +30,7 @@ const FOOTER_BYTES: u64 = 22 * 8;
 
 /// Adds the trace of a file to those of others.
 pub(super) fn add(path: &Path, traces: &mut Traces) -> Result<(), RecordError> {
-    let mut file = File::open(path).map_err(RecordError::io(path))?;
-    let size = file.metadata().map_err(RecordError::io(path))?.len();
-    if size == 0 {
-        return Err(RecordError::Empty { file: path.to_owned() });
-    }
+    let (mut file, size) = open_file(path)?;
     let mut header = Vec::new();
     (&mut file).take(HEADER_BYTES).read_to_end(&mut header).map_err(RecordError::io(path))?;
     if (header.len() as u64) < HEADER_BYTES {
@@ -61,10 +57,8 @@ pub(super) fn add(path: &Path, traces: &mut Traces) -> Result<(), RecordError> {
         let mut footer = [0; 16];
         let from = SeekFrom::Start(HEADER_BYTES + expected);
         file.seek(from).and_then(|_| file.read_exact(&mut footer)).map_err(RecordError::io(path))?;
-        let (words, _) = footer.as_chunks::<8>();
-        let number = |word: [u8; 8]| if big_endian { f64::from_be_bytes(word) } else { f64::from_le_bytes(word) };
-        if let [step, begin] = words {
-            (step_s, begin_s) = (number(*step), number(*begin));
+        if let [step, begin] = Sample::F64.decode_all(&mut footer, big_endian)[..] {
+            (step_s, begin_s) = (step, begin);
         }
     }
     if !(step_s.is_normal() && step_s > 0.0 && begin_s.is_finite()) {
@@ -89,7 +83,7 @@ pub(super) fn add(path: &Path, traces: &mut Traces) -> Result<(), RecordError> {
     } else {
         name
     };
-    let form = Form::Plain { sample: Sample::F32, big_endian, stride: 4, record: HEADER_BYTES };
+    let form = Form::packed(Sample::F32, big_endian, HEADER_BYTES);
     let (name, source) = (traces.name(&name), traces.sources.len());
     traces.sources.push((path.to_owned(), Source::File(file)));
     let start_ns = zero_ns.saturating_add((begin_s * 1e9).round() as i64);

@@ -82,13 +82,12 @@ impl SourceFile {
     }
 
     fn new(path: PathBuf) -> Result<Self, RecordError> {
-        match format_of(&path) {
-            Some(Format::WhiteSpace | Format::Csv) if is_toa5(&path) => {
-                Ok(Self { path, beside: Vec::new(), format: Format::Toa5 })
-            }
-            Some(format) => Ok(Self { path, beside: Vec::new(), format }),
-            None => Err(RecordError::UnknownEnding { file: path }),
-        }
+        let format = match format_of(&path) {
+            Some(Format::WhiteSpace | Format::Csv) if is_toa5(&path) => Format::Toa5,
+            Some(format) => format,
+            None => return Err(RecordError::UnknownEnding { file: path }),
+        };
+        Ok(Self { path, beside: Vec::new(), format })
     }
 
     /// Each channel's rate and unit, and when the first row was, where the format has a place for it.

@@ -14,7 +14,7 @@ use crate::study::{Setup, Unit};
 /// No recording has this rate: a reader that compares it with its own says what that is.
 const NO_RATE_HZ: f64 = 1e-12;
 /// Rates that differ less, relatively, are one.
-const SAME_RATE: f64 = 1e-3;
+pub(crate) const SAME_RATE: f64 = 1e-3;
 
 /// Files that may become a setup.
 #[derive(Debug, Clone, PartialEq)]

@@ -14,8 +14,9 @@ use super::array::{Sample, Source};
 use super::channels::{Channel, ChannelReader, Form, Stretch, wrong_form};
 use super::columns::Columns;
 use super::error::RecordError;
+use super::files::open_file;
 use crate::study::Setup;
-use metadata::{Fields, Index, Kind, Property, read_object};
+use metadata::{Fields, Index, Kind, Property, Scaler, read_object};
 
 const LEAD_BYTES: u64 = 28;
 const HAS_METADATA: u32 = 1 << 1;
@@ -52,11 +53,7 @@ struct Scan<'a> {
 
 /// Opens a file for reading row by row. Channels are called `group/channel`.
 pub(super) fn open(path: &Path, setup: &Setup) -> Result<ChannelReader, RecordError> {
-    let mut file = File::open(path).map_err(RecordError::io(path))?;
-    let size = file.metadata().map_err(RecordError::io(path))?.len();
-    if size == 0 {
-        return Err(RecordError::Empty { file: path.to_owned() });
-    }
+    let (mut file, size) = open_file(path)?;
     let mut scan = Scan { path, objects: Vec::new(), known: HashMap::new(), active: Vec::new(), stretches: 0 };
     let mut offset = 0;
     while offset < size {
@@ -70,8 +67,7 @@ pub(super) fn open(path: &Path, setup: &Setup) -> Result<ChannelReader, RecordEr
     let channels: Vec<&Object> = scan.objects.iter().filter(is_channel).collect();
     let names: Vec<String> = channels.iter().map(|object| name_of(&object.path)).collect();
     let columns = Columns::Paths(names.clone());
-    let wanted: Vec<usize> =
-        setup.sensors.iter().map(|sensor| columns.find(&sensor.channel, path)).collect::<Result<_, _>>()?;
+    let wanted = columns.find_all(&setup.sensors, path)?;
     let mut read = Vec::new();
     for (index, (object, name)) in channels.into_iter().zip(names).enumerate() {
         let scale = match object.scale() {
@@ -237,10 +233,10 @@ impl Scan<'_> {
                 let (whole, count, sample) = (index.bytes, index.count, index.sample());
                 let there = whole.min(end - from);
                 if let Some(sample) = sample {
-                    let (size, record) = (sample.bytes() as u64, from);
+                    let size = sample.bytes() as u64;
                     let all_of_one = active.len() == 1;
                     let count = if all_of_one { (end - from) / size } else { count.min(there / size) };
-                    self.push(*at, count, from, Form::Plain { sample, big_endian: false, stride: size, record })?;
+                    self.push(*at, count, from, Form::packed(sample, false, from))?;
                     if all_of_one {
                         return Ok(());
                     }
@@ -253,10 +249,10 @@ impl Scan<'_> {
 
     /// Raw numbers of cards: of each card rows of so many bytes.
     fn add_daqmx(&mut self, data: u64, bytes: u64) -> Result<(), String> {
-        let active = self.active.clone();
+        let mut scalers: Vec<(usize, Scaler)> = Vec::new();
         let mut widths: Vec<u64> = Vec::new();
         let mut rows: Vec<u64> = Vec::new();
-        for at in &active {
+        for at in &self.active {
             let Some(Index { kind: Kind::Daqmx { scaler, widths: own, .. }, count, .. }) = self.daqmx(*at) else {
                 return Err("raw numbers of DAQmx beside others".to_owned());
             };
@@ -267,6 +263,7 @@ impl Scan<'_> {
                 Some(rows) if widths == *own => *rows = (*rows).max(*count),
                 _ => return Err("channels that do not agree on the widths of rows".to_owned()),
             }
+            scalers.push((*at, *scaler));
         }
         let chunk =
             widths.iter().zip(&rows).fold(0_u64, |sum, (width, rows)| sum.saturating_add(width.saturating_mul(*rows)));
@@ -281,13 +278,7 @@ impl Scan<'_> {
             for (buffer, (width, rows)) in widths.iter().zip(&rows).enumerate() {
                 let room = (end - start.min(end)) / width;
                 let rows = if is_single { room } else { room.min(*rows) };
-                for at in &active {
-                    let Some(Kind::Daqmx { scaler, .. }) = self.daqmx(*at).map(|index| index.kind.clone()) else {
-                        continue;
-                    };
-                    if scaler.buffer != buffer {
-                        continue;
-                    }
+                for (at, scaler) in scalers.iter().filter(|(_, scaler)| scaler.buffer == buffer) {
                     if scaler.offset + scaler.sample.bytes() as u64 > *width {
                         return Err("a number that is not within its row".to_owned());
                     }

@@ -1,6 +1,6 @@
 //! Text recordings: white space without a header (`.txt`, `.asc`, `.dat`), CSV with one (`.csv`), and TOA5 of Campbell's loggers (`.dat`).
 //!
-//! Lines flow in, rows of the setup's channels flow out; where a CSV has a time column, rows of NaN stand for the rows
+//! Lines flow in, rows of the setup's channels flow out; where there is a time column, rows of NaN stand for the rows
 //! that it says are missing.
 
 use std::path::Path;
@@ -27,7 +27,7 @@ enum Separator {
     Byte(u8),
 }
 
-/// The time column of a CSV.
+/// The time column of a CSV or of a Campbell logger's file.
 #[derive(Debug, Clone, PartialEq)]
 struct TimeColumn {
     column: usize,

@@ -7,7 +7,7 @@ use std::collections::HashMap;
 use std::path::PathBuf;
 
 use super::array::Source;
-use super::channels::{Channel, ChannelReader, Form, Stretch};
+use super::channels::{Channel, ChannelReader, Form, Stretch, path_of};
 use super::clock::MOST_FILLED_ROWS;
 use super::columns::Columns;
 use super::error::RecordError;
@@ -57,12 +57,12 @@ impl Traces {
     /// # Errors
     /// [`RecordError`] names the file where pieces lie over each other, are too far apart, or channels run apart.
     pub(super) fn reader(mut self, setup: &Setup) -> Result<ChannelReader, RecordError> {
-        let first_file = self.sources.first().map(|(path, _)| path.clone()).unwrap_or_default();
+        let first_file = path_of(&self.sources, 0);
         let columns = Columns::Paths(self.names.clone());
         let is_read = !setup.sensors.is_empty();
         let mut is_wanted = vec![!is_read; self.names.len()];
-        for sensor in &setup.sensors {
-            if let Some(wanted) = is_wanted.get_mut(columns.find(&sensor.channel, &first_file)?) {
+        for column in columns.find_all(&setup.sensors, &first_file)? {
+            if let Some(wanted) = is_wanted.get_mut(column) {
                 *wanted = true;
             }
         }
@@ -85,8 +85,8 @@ impl Traces {
         let mut due: Vec<Option<(i64, f64)>> = vec![None; channels.len()];
         let mut missing: u64 = 0;
         for piece in &self.pieces {
-            let file = || self.sources.get(piece.source).map(|(path, _)| path.clone()).unwrap_or_default();
-            let wrong = |reason: String| Err(RecordError::Format { file: file(), reason });
+            let wrong =
+                |reason: String| Err(RecordError::Format { file: path_of(&self.sources, piece.source), reason });
             let (Some(channel), Some(due)) = (channels.get_mut(piece.name), due.get_mut(piece.name)) else { continue };
             // Where files are only looked into, each trace has a grid of its own.
             let grid_hz = if is_read { rate_hz } else { piece.rate_hz };

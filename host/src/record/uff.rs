@@ -11,9 +11,10 @@ use std::io::{Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
 use super::array::Placement;
-use super::clock::RATE_TOLERANCE;
+use super::clock::is_rate;
 use super::columns::Columns;
 use super::error::{FilePosition, RecordError};
+use super::files::open_file;
 use super::row_reader::{Progress, RowReader, Rows};
 use crate::study::{Sensor, Setup, Unit};
 use dataset::{Data, TimeResponse, time_responses};
@@ -35,11 +36,8 @@ pub(super) struct UffReader {
 impl UffReader {
     /// Opens a file and finds that the setup's channels are in it, in step with each other and at its sampling rate.
     pub(super) fn open(path: &Path, setup: &Setup) -> Result<Self, RecordError> {
-        let mut file = File::open(path).map_err(RecordError::io(path))?;
-        if file.metadata().map_err(RecordError::io(path))?.len() == 0 {
-            return Err(RecordError::Empty { file: path.to_owned() });
-        }
-        let responses = time_responses(path, &mut file)?;
+        let (mut file, bytes) = open_file(path)?;
+        let responses = time_responses(path, &mut file, bytes)?;
         let columns = columns_of(&responses);
         let mut first: Option<&TimeResponse> = None;
         for sensor in &setup.sensors {
@@ -48,9 +46,9 @@ impl UffReader {
             check(path, setup, sensor, response, first)?;
             first = first.or(Some(response));
         }
-        let rows = first.map_or(0, |response| response.count);
         // Without sensors it is looked into, not read.
-        let rows = if setup.sensors.is_empty() { responses.first().map_or(0, |response| response.count) } else { rows };
+        let first = first.or_else(|| responses.first().filter(|_| setup.sensors.is_empty()));
+        let rows = first.map_or(0, |response| response.count);
         if rows == 0 {
             return Err(RecordError::Empty { file: path.to_owned() });
         }
@@ -168,8 +166,7 @@ fn check(
     }
     let stated_hz = setup.sampling_rate_hz;
     let measured_hz = response.step_s.recip();
-    let deviation = (measured_hz / stated_hz - 1.0).abs();
-    if deviation.is_nan() || deviation > RATE_TOLERANCE {
+    if !is_rate(measured_hz, stated_hz) {
         return Err(RecordError::UffRate { file, channel, measured_hz, stated_hz });
     }
     let Some(first) = first else { return Ok(()) };

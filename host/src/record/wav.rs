@@ -3,13 +3,13 @@
 //! Integers become shares of full scale, -1 to 1, as audio programs read them; floating-point numbers stay as they are. The format is
 //! Microsoft's "Multiple Channel Audio Data and WAVE Files" and EBU Tech 3306.
 
-use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
 use std::path::Path;
 
-use super::array::{Sample, Source};
+use super::array::{Sample, Source, whole_number};
 use super::channels::{Channel, ChannelReader, Form, Stretch, wrong_form};
 use super::error::RecordError;
+use super::files::open_file;
 use crate::study::Setup;
 
 const PCM: u16 = 1;
@@ -33,11 +33,7 @@ struct Format {
 
 /// Opens a file for reading row by row; its channels are numbered from 1.
 pub(super) fn open(path: &Path, setup: &Setup) -> Result<ChannelReader, RecordError> {
-    let mut file = File::open(path).map_err(RecordError::io(path))?;
-    let size = file.metadata().map_err(RecordError::io(path))?.len();
-    if size == 0 {
-        return Err(RecordError::Empty { file: path.to_owned() });
-    }
+    let (mut file, size) = open_file(path)?;
     let mut read = |offset: u64, count: u64| -> Result<Vec<u8>, RecordError> {
         let mut bytes = Vec::new();
         file.seek(SeekFrom::Start(offset)).map_err(RecordError::io(path))?;
@@ -62,7 +58,7 @@ pub(super) fn open(path: &Path, setup: &Setup) -> Result<ChannelReader, RecordEr
         match name {
             b"ds64" => {
                 let sizes = read(content, 16)?;
-                long_bytes = sizes.get(8..16).and_then(|bytes| Some(u64::from_le_bytes(bytes.try_into().ok()?)));
+                long_bytes = sizes.get(8..16).map(|bytes| whole_number(bytes, false));
             }
             b"fmt " => format = Some(parse_format(path, &read(content, 40)?)?),
             b"data" => {
@@ -113,8 +109,9 @@ fn reader(
 }
 
 fn parse_format(path: &Path, bytes: &[u8]) -> Result<Format, RecordError> {
-    let short = |at: usize| bytes.get(at..at + 2).map_or(0, |pair| u16::from_le_bytes([pair[0], pair[1]]));
-    let rate_hz = u32::from(short(4)) | u32::from(short(6)) << 16;
+    let number = |at: usize, count: usize| bytes.get(at..at + count).map_or(0, |bytes| whole_number(bytes, false));
+    let short = |at: usize| number(at, 2) as u16;
+    let rate_hz = number(4, 4) as u32;
     let (channels, stride, bits) = (short(2), u64::from(short(12)), short(14));
     let kind = if short(0) == EXTENSIBLE { short(24) } else { short(0) };
     let (sample, scale) = match (kind, bits) {

@@ -5,14 +5,12 @@ use std::path::{Path, PathBuf};
 
 use toml::Value;
 
-use crate::record::survey::{Surveyed, SurveyedChannel};
+use crate::record::survey::{SAME_RATE, Surveyed, SurveyedChannel};
 
 /// What stands before a line that the user completes.
 pub(super) const TO_DO: &str = "TODO";
 /// Channels that a node has at most.
 const CHANNELS_A_NODE: usize = 4;
-/// Rates that differ more, relatively, are not those of the setup.
-const SAME_RATE: f64 = 1e-3;
 
 /// The text of study.toml in `folder`.
 pub(super) fn study(found: &[Surveyed], folder: &Path) -> String {

@@ -2,6 +2,8 @@
 
 use std::io;
 
+use crate::record::array::whole_number;
+
 /// Why a structure could not be read.
 #[derive(Debug)]
 pub(super) enum Fault {
@@ -55,8 +57,7 @@ impl<'a> Bytes<'a> {
 
     /// An unsigned number of `count` bytes, eight at most.
     pub(super) fn number(&mut self, count: usize) -> Result<u64, Fault> {
-        let taken = self.take(count)?;
-        Ok(taken.iter().rev().fold(0, |number, byte| (number << 8) | u64::from(*byte)))
+        Ok(whole_number(self.take(count)?, false))
     }
 
     pub(super) fn byte(&mut self) -> Result<u8, Fault> {

@@ -9,10 +9,8 @@ use super::bytes::{Fault, damaged};
 use super::message::{Filter, Kind, Layout};
 use super::tree::{self, Chunk};
 use super::{Dataset, Hdf5Error, Hdf5File, Object};
-use crate::record::array::{Sample, Source};
+use crate::record::array::{MOST_IN_MEMORY, Sample, Source, whole_number};
 
-/// More bytes than this are put together in a file.
-const MOST_IN_MEMORY: u64 = 1 << 26;
 /// Bytes of one chunk. The library makes chunks of a megabyte, MATLAB of less.
 const MOST_CHUNK_BYTES: u64 = 1 << 28;
 /// Deflate makes no more of a byte.
@@ -195,10 +193,7 @@ fn without_checksum(mut raw: Vec<u8>, address: u64) -> Result<Vec<u8>, Fault> {
         sums[1] = (sums[1] + sums[0]) % 0xffff;
     }
     // The library's own sums reach 0xffff where these reach 0.
-    let same = |sum: u32, bytes: &[u8]| {
-        let found = bytes.iter().rev().fold(0, |number, byte| (number << 8) | u32::from(*byte));
-        found % 0xffff == sum
-    };
+    let same = |sum: u32, bytes: &[u8]| whole_number(bytes, false) % 0xffff == u64::from(sum);
     let (low, high) = found.split_at(2);
     if same(sums[0], low) && same(sums[1], high) {
         return Ok(raw);

@@ -10,6 +10,9 @@ const MOST_DIMENSIONS: usize = 32;
 /// Filters one after the other; the library allows as many.
 const MOST_FILTERS: usize = 32;
 
+/// What [`Kind::Other`] calls elements of several parts.
+pub(crate) const COMPOUND: &str = "a compound (complex numbers, or records)";
+
 /// What a dataset's or an attribute's elements are.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Kind {
@@ -131,7 +134,7 @@ pub(super) fn datatype(bytes: &mut Bytes<'_>) -> Result<Datatype, Fault> {
             }
         }
         3 => Kind::Text,
-        6 => Kind::Other("a compound (complex numbers, or records)"),
+        6 => Kind::Other(COMPOUND),
         7 => Kind::Other("references"),
         8 => Kind::Other("an enumeration"),
         9 if bits & 0x0f == 1 => Kind::LongText,

@@ -20,7 +20,7 @@ use std::path::{Path, PathBuf};
 use bytes::{Bytes, Fault, Sizes, damaged};
 use message::{Filter, Layout};
 
-pub(crate) use message::{Attribute, Kind, Value};
+pub(crate) use message::{Attribute, COMPOUND, Kind, Value};
 
 const SIGNATURE: &[u8; 8] = b"\x89HDF\r\n\x1a\n";
 /// A user's own block may stand before the file; its length is a power of two.
@@ -67,7 +67,6 @@ pub(crate) struct Dataset {
     pub(crate) lengths: Vec<u64>,
     /// What its elements are.
     pub(crate) kind: Kind,
-    element_bytes: usize,
     layout: Layout,
     filters: Vec<Filter>,
 }
@@ -231,9 +230,8 @@ impl Hdf5File {
             }
         }
         let dataset = layout.map(|layout| {
-            let (kind, element_bytes) =
-                kind.map_or((Kind::Other("a type kept elsewhere in the file"), 1), |kind| (kind.kind, kind.bytes));
-            Dataset { lengths: lengths.unwrap_or_else(|| vec![0]), kind, element_bytes, layout, filters }
+            let kind = kind.map_or(Kind::Other("a type kept elsewhere in the file"), |kind| kind.kind);
+            Dataset { lengths: lengths.unwrap_or_else(|| vec![0]), kind, layout, filters }
         });
         Ok((Object { path, attributes, dataset }, members))
     }

@@ -4,10 +4,11 @@
 
 use std::path::{Path, PathBuf};
 
+use super::data::Numbers;
 use super::{Dataset, Hdf5File, Kind, Object};
 use crate::record::array::{ArrayReader, Layout};
-use crate::record::channels::{Channel, ChannelReader, Stretch};
-use crate::record::clock::{Clock, RATE_TOLERANCE, check_rate};
+use crate::record::channels::{Channel, ChannelReader, Form, Stretch};
+use crate::record::clock::{Clock, check_rate, is_rate};
 use crate::record::columns::{Columns, is_time_column};
 use crate::record::error::{At, FilePosition, RecordError};
 use crate::record::row_reader::RowReader;
@@ -108,8 +109,7 @@ impl Hdf5Recording {
             (&recording.parts, setup.sensors.is_empty())
         {
             let stated_hz = setup.sampling_rate_hz;
-            let deviation = (measured_hz / stated_hz - 1.0).abs();
-            if deviation.is_nan() || deviation > RATE_TOLERANCE {
+            if !is_rate(*measured_hz, stated_hz) {
                 let (file, channel) = (path.to_owned(), object.path.clone());
                 return Err(RecordError::StatedRate { file, channel, measured_hz: *measured_hz, stated_hz });
             }
@@ -151,38 +151,20 @@ impl Hdf5Recording {
         let columns = self.columns();
         match self.parts {
             Parts::Matrix { object, columns, row_by_row, .. } => {
-                let numbers = self.file.numbers(&object)?;
-                let layout = Layout {
-                    offset: numbers.offset,
-                    sample: numbers.sample,
-                    big_endian: numbers.big_endian,
-                    rows: self.rows,
-                    columns,
-                    row_by_row,
-                };
-                Ok(Box::new(ArrayReader::new(self.path, numbers.source, layout)))
+                let Numbers { source, offset, sample, big_endian } = self.file.numbers(&object)?;
+                let layout = Layout { offset, sample, big_endian, rows: self.rows, columns, row_by_row };
+                Ok(Box::new(ArrayReader::new(self.path, source, layout)))
             }
             Parts::Channels(objects) => {
-                let wanted: Vec<usize> = setup
-                    .sensors
-                    .iter()
-                    .map(|sensor| columns.find(&sensor.channel, &self.path))
-                    .collect::<Result<_, _>>()?;
+                let wanted = columns.find_all(&setup.sensors, &self.path)?;
                 let (mut sources, mut channels) = (Vec::new(), Vec::new());
                 for (index, (object, rate_hz)) in objects.into_iter().enumerate() {
                     let mut stretches = Vec::new();
                     if wanted.contains(&index) {
-                        let numbers = self.file.numbers(&object)?;
-                        let (source, sample) = (sources.len(), numbers.sample);
-                        stretches.push(Stretch::packed(
-                            0,
-                            self.rows,
-                            source,
-                            numbers.offset,
-                            sample,
-                            numbers.big_endian,
-                        ));
-                        sources.push((self.path.clone(), numbers.source));
+                        let Numbers { source, offset, sample, big_endian } = self.file.numbers(&object)?;
+                        let form = Form::packed(sample, big_endian, offset);
+                        stretches.push(Stretch { row: 0, count: self.rows, source: sources.len(), offset, form });
+                        sources.push((self.path.clone(), source));
                     }
                     channels.push(Channel { name: object.path, rate_hz, scale: [1.0, 0.0], stretches, unit: None });
                 }

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use flate2::read::ZlibDecoder;
 
 use super::hdf5::{self, Place};
-use crate::record::array::{Sample, Source};
+use crate::record::array::{MOST_IN_MEMORY, Sample, Source};
 use crate::record::error::MatError;
 use crate::record::hdf5::{Dataset, Hdf5File, is_hdf5};
 
@@ -18,9 +18,6 @@ const COMPRESSED: u32 = 15;
 const COMPLEX_FLAG: u32 = 0x0800;
 /// Bytes of a variable's flags, dimensions or name; more is damage.
 const LONGEST_HEADER_PART: u32 = 1 << 16;
-
-/// More bytes than this are inflated into a file.
-const MOST_IN_MEMORY: u32 = 1 << 26;
 
 /// What a variable is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -378,11 +375,11 @@ impl Content {
 
     /// The bytes behind `tag`, in memory where they are few, else in a file without a name: a small file may inflate to gigabytes.
     fn inflated(&mut self, tag: &Tag) -> io::Result<Source> {
-        if tag.packed.is_some() || tag.bytes <= MOST_IN_MEMORY {
+        let bytes = u64::from(tag.bytes);
+        if tag.packed.is_some() || bytes <= MOST_IN_MEMORY {
             return self.payload(tag).map(Source::Memory);
         }
         let mut file = tempfile::tempfile()?;
-        let bytes = u64::from(tag.bytes);
         if io::copy(&mut (&mut self.reader).take(bytes), &mut file)? != bytes {
             return Err(io::ErrorKind::UnexpectedEof.into());
         }

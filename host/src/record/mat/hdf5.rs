@@ -5,7 +5,7 @@
 
 use super::element::{Class, Numbers, Storage, Variable, sparse_columns};
 use crate::record::error::MatError;
-use crate::record::hdf5::{Hdf5File, Kind, Object};
+use crate::record::hdf5::{COMPOUND, Hdf5File, Kind, Object};
 
 /// What MATLAB calls the class of its variable.
 const CLASS: &str = "MATLAB_class";
@@ -67,7 +67,7 @@ fn variable(object: &Object, member: &impl Fn(&str, &str) -> Option<Object>) -> 
     }
     let of_class = |class: &str| object.text(CLASS) == Some(class);
     let is_number = matches!(dataset.kind, Kind::Number { .. });
-    let is_complex = matches!(dataset.kind, Kind::Other("a compound (complex numbers, or records)"));
+    let is_complex = matches!(dataset.kind, Kind::Other(COMPOUND));
     for class in ["char", "cell", "struct", "logical", "function_handle"] {
         if of_class(class) {
             return other(class, dimensions);

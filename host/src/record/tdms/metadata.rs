@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-use crate::record::array::Sample;
+use crate::record::array::{Sample, whole_number};
 
 /// No numbers in this segment; numbers as before.
 const NO_DATA: u32 = u32::MAX;
@@ -29,11 +29,11 @@ impl<'a> Fields<'a> {
     }
 
     pub(super) fn word(&mut self) -> Option<u32> {
-        Some(u32::from_le_bytes(self.take(4)?.try_into().ok()?))
+        Some(whole_number(self.take(4)?, false) as u32)
     }
 
     pub(super) fn long(&mut self) -> Option<u64> {
-        Some(u64::from_le_bytes(self.take(8)?.try_into().ok()?))
+        Some(whole_number(self.take(8)?, false))
     }
 
     pub(super) fn text(&mut self) -> Option<String> {

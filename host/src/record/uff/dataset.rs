@@ -7,6 +7,7 @@ use std::fs::File;
 use std::io::{BufRead, BufReader, Read, Seek, SeekFrom};
 use std::path::Path;
 
+use crate::numbers::fortran;
 use crate::record::array::Sample;
 use crate::record::error::{At, FilePosition, RecordError, quoted};
 use crate::record::response_name::ResponseName;
@@ -63,9 +64,8 @@ pub(super) fn motion(ordinate: i64) -> Option<&'static str> {
     }
 }
 
-/// All time responses of a file, in its order; other datasets and functions are passed over.
-pub(super) fn time_responses(path: &Path, file: &mut File) -> Result<Vec<TimeResponse>, RecordError> {
-    let bytes = file.metadata().map_err(RecordError::io(path))?.len();
+/// All time responses of a file of so many bytes, in its order; other datasets and functions are passed over.
+pub(super) fn time_responses(path: &Path, file: &mut File, bytes: u64) -> Result<Vec<TimeResponse>, RecordError> {
     let mut scanner = Scanner {
         path,
         reader: BufReader::with_capacity(1 << 18, file),
@@ -358,8 +358,7 @@ fn identity(line: &str) -> Option<(i64, i64, i64)> {
 
 /// Data type, count and spacing; start and step of record 7, whose format is 3I10, 3E13.5.
 fn shape(line: &str) -> Option<([i64; 3], [f64; 2])> {
-    let real =
-        |text: &str| text.trim().replace(['d', 'D'], "e").parse::<f64>().ok().filter(|number| number.is_finite());
+    let real = |text: &str| fortran(text.trim()).filter(|number| number.is_finite());
     let words: Vec<&str> = line.split_whitespace().collect();
     let by_words = || {
         let whole = |index: usize| words.get(index)?.parse::<i64>().ok();
