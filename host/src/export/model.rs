@@ -12,8 +12,8 @@ use super::modes::{Component, Mode, Modes};
 use super::{ExportError, table, universal, write_bytes, write_file};
 use crate::model::effect::{Effect, EffectError};
 use crate::model::{
-    Assembly, EigenError, LayoutNode, ROW_DIRECTIONS, Structure, WholeMatrices, dof_of_row, dofs_csv, fits_in_full,
-    matrix_market, npy, sparse_matrix_market,
+    Assembly, EigenError, LayoutNode, Structure, WholeMatrices, dof_of_row, dofs_csv, fits_in_full, matrix_market,
+    node_and_direction, npy, sparse_matrix_market,
 };
 use crate::study::Sensor;
 
@@ -212,12 +212,11 @@ impl MatrixFormat {
 
 /// Names such as `12x` as CalculiX writes them, `12.1`; a name of another kind is left as it is.
 fn row_names(names: &[String]) -> String {
-    let name = |name: &String| {
-        let (at, direction) =
-            ROW_DIRECTIONS.iter().enumerate().rev().find(|(_, direction)| name.ends_with(**direction))?;
-        Some(format!("{}.{}\n", name.strip_suffix(direction)?, at + 1))
+    let name = |name: &String| match node_and_direction(name) {
+        Some((node, direction)) => format!("{node}.{}\n", direction + 1),
+        None => format!("{name}\n"),
     };
-    names.iter().map(|one| name(one).unwrap_or_else(|| format!("{one}\n"))).collect()
+    names.iter().map(name).collect()
 }
 
 /// A row a degree of freedom: what it is, then the mass-normalised shape of every mode.

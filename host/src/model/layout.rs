@@ -11,7 +11,7 @@ use crate::table::{METRES, Table, TableError};
 /// Rotations and translations of a node, in the order of [`LayoutNode::rows`].
 const DOF_NAMES: [&str; 6] = ["ux", "uy", "rx", "ry", "rz", "uz"];
 /// Directions 1 to 6 of a node, as names of rows end; those that end like another come after it.
-pub const ROW_DIRECTIONS: [&str; 6] = ["x", "y", "z", "rx", "ry", "rz"];
+pub(super) const ROW_DIRECTIONS: [&str; 6] = ["x", "y", "z", "rx", "ry", "rz"];
 /// Nodes whose plan positions differ by less (in m) stand above each other.
 const PLAN_TOLERANCE_M: f64 = 1e-6;
 /// What names the tables.
@@ -144,6 +144,11 @@ pub(super) fn read_row_names(path: &Path, dofs: usize) -> Result<Vec<String>, La
     });
     let names = names.collect::<Result<Vec<String>, _>>()?;
     if names.len() == dofs { Ok(names) } else { Err(LayoutError::RowCount { file, found: names.len(), dofs }) }
+}
+
+/// Node and direction of a row's name, such as `12rz`; directions from 0: x, y, z and the rotations about them.
+pub fn node_and_direction(name: &str) -> Option<(&str, usize)> {
+    ROW_DIRECTIONS.iter().enumerate().rev().find_map(|(at, direction)| Some((name.strip_suffix(direction)?, at)))
 }
 
 /// Reads `node,z_m` (further columns are read over): five DOFs a node, lowest first; one node more than the matrices hold

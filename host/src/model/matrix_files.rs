@@ -11,6 +11,7 @@ use zip::ZipArchive;
 use super::matrices::MatrixError;
 use super::node_files::{self, KnownRows};
 use super::size;
+use crate::numbers::fortran;
 use crate::record::mat::{Class, read_matrix, read_sparse_matrix, variables};
 use crate::record::{NpyArray, read_row};
 
@@ -76,9 +77,12 @@ pub(super) fn read(
 /// Whether the lines of a file without a header are nodes and degrees of freedom: five numbers each.
 fn is_by_nodes(text: &str) -> bool {
     let mut lines = text.lines().filter(|line| !line.trim().is_empty() && !line.trim_start().starts_with(['*', '%']));
-    let words =
-        |line: &str| line.split(|c: char| c.is_whitespace() || c == ',').filter(|word| !word.is_empty()).count();
-    lines.next().is_some_and(|line| words(line) == 5)
+    lines.next().is_some_and(|line| words(line).len() == 5)
+}
+
+/// The words of a line, between blanks and commas.
+pub(super) fn words(line: &str) -> Vec<&str> {
+    line.split(|c: char| c.is_whitespace() || c == ',').filter(|word| !word.is_empty()).collect()
 }
 
 /// Whether a file is one of Nastran, punched or of bulk data, by its ending.
@@ -167,9 +171,8 @@ fn triplets(text: &str, least_rows: usize) -> Result<CscMatrix<f64>, String> {
     const EXPECTED: &str =
         "where row, column and value were expected, as CalculiX (.sti, .mas) and Abaqus (FORMAT=COORDINATE) write them";
     let mut entries: Vec<(usize, usize, f64)> = Vec::new();
-    let is_separator = |c: char| c.is_whitespace() || c == ',';
     for (index, line) in text.lines().enumerate() {
-        let words: Vec<&str> = line.split(is_separator).filter(|word| !word.is_empty()).collect();
+        let words = words(line);
         if words.is_empty() || line.starts_with("**") || line.starts_with('%') {
             continue;
         }
@@ -178,8 +181,7 @@ fn triplets(text: &str, least_rows: usize) -> Result<CscMatrix<f64>, String> {
             return Err(wrong(EXPECTED));
         };
         let place = |word: &str| word.parse::<usize>().ok().filter(|place| (1..=MOST_ROWS).contains(place));
-        let value = value.replace(['d', 'D'], "e").parse::<f64>().ok();
-        match (place(row), place(column), value) {
+        match (place(row), place(column), fortran(value)) {
             (Some(row), Some(column), Some(value)) => entries.push((row - 1, column - 1, value)),
             _ => return Err(wrong(EXPECTED)),
         }

@@ -58,7 +58,7 @@ pub use effect::mass_eccentricity::eccentricity_changes;
 pub use eigen::{EigenError, ModalBasis, Modes, eigenmodes};
 pub use element::Compression;
 pub use joint::Element;
-pub use layout::{LayoutError, LayoutNode, ROW_DIRECTIONS, dof_of_row, dofs_csv};
+pub use layout::{LayoutError, LayoutNode, dof_of_row, dofs_csv, node_and_direction};
 pub(crate) use layout::{is_list_of_rows, sides_m};
 pub use load::{Freedoms, LoadedModel, ModelError, load, load_up_to, read_beam, section};
 pub use matrices::{ImportedMatrices, MatrixError, WholeMatrices, matrix_market, npy, sparse_matrix_market};

@@ -9,7 +9,7 @@ use std::sync::Arc;
 use nalgebra_sparse::{CooMatrix, CscMatrix};
 
 use super::layout::ROW_DIRECTIONS;
-use super::matrix_files::MOST_ROWS;
+use super::matrix_files::{MOST_ROWS, words};
 
 /// A node and its degree of freedom from 1; 0 of a scalar point. Abaqus' own nodes count below zero.
 type Row = (i64, u8);
@@ -95,8 +95,7 @@ impl NodeMatrix {
 pub(super) fn abaqus(text: &str) -> Result<NodeMatrix, String> {
     let mut matrix = NodeMatrix::default();
     for (index, line) in text.lines().enumerate() {
-        let words: Vec<&str> =
-            line.split(|c: char| c.is_whitespace() || c == ',').filter(|word| !word.is_empty()).collect();
+        let words = words(line);
         if words.is_empty() || line.trim_start().starts_with('*') {
             continue;
         }

@@ -5,10 +5,11 @@
 use std::collections::HashMap;
 use std::path::Path;
 
-use super::layout::{LayoutError, LayoutNode, ROW_DIRECTIONS};
+use super::layout::{LayoutError, LayoutNode, node_and_direction};
 use super::matrix_files::MOST_ROWS;
+use crate::numbers::fortran;
 
-/// The place of each direction of [`ROW_DIRECTIONS`] in [`LayoutNode::rows`].
+/// The place of each direction of [`ROW_DIRECTIONS`](super::layout::ROW_DIRECTIONS) in [`LayoutNode::rows`].
 const AMONG_ROWS: [usize; 6] = [0, 1, 5, 2, 3, 4];
 
 /// The nodes that have rows, lowest first, in m.
@@ -26,10 +27,8 @@ pub(super) fn read_universal_nodes(path: &Path, places: &[String]) -> Result<Vec
     let mut nodes: Vec<LayoutNode> = Vec::new();
     let mut known: HashMap<&str, usize> = HashMap::new();
     for (row, place) in places.iter().enumerate() {
-        let digits = place.bytes().enumerate().take_while(|(at, c)| c.is_ascii_digit() || (*at == 0 && *c == b'-'));
-        let (name, direction) = place.split_at(digits.count());
-        let dof = ROW_DIRECTIONS.iter().position(|known| *known == direction);
-        let Some(dof) = dof.and_then(|dof| AMONG_ROWS.get(dof)) else { continue };
+        let Some((name, direction)) = node_and_direction(place) else { continue };
+        let Some(dof) = AMONG_ROWS.get(direction) else { continue };
         let index = match known.get(name) {
             Some(index) => *index,
             None => {
@@ -88,7 +87,7 @@ fn positions(text: &str) -> Result<HashMap<i64, [f64; 3]>, String> {
             let words: Vec<&str> = line.split_whitespace().collect();
             let wrong = |expected: &str| format!("line {}: `{}` where {expected}", index + 1, line.trim());
             let numbers = |from: usize| {
-                let real = |at: usize| words.get(at)?.replace(['d', 'D'], "e").parse::<f64>().ok();
+                let real = |at: usize| fortran(words.get(at)?);
                 Some([real(from)?, real(from + 1)?, real(from + 2)?])
                     .filter(|all| all.iter().all(|one| one.is_finite()))
             };
