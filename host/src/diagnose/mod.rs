@@ -50,6 +50,7 @@ mod knob;
 mod misfit;
 mod near;
 mod outlook;
+mod own_channels;
 mod partial;
 mod partial_report;
 mod posterior;

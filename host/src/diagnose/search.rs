@@ -162,7 +162,8 @@ impl Problem {
             || found.is_called_for_by(present)
             || found.left.is_none_or(|left| left.is_relief(present.passes()));
         let (own, index) = (found.own(), found.index());
-        found.helps = falls && !own.is_usual(index) && !own.looks_like_the_table(index);
+        let explains_its_own = !own.passes() || self.explains_its_channels(own, index);
+        found.helps = falls && explains_its_own && !own.is_usual(index) && !own.looks_like_the_table(index);
     }
 
     /// The discrepancy that the best of a few kinds leaves, at the places that promise most, and their fits.

@@ -321,7 +321,7 @@ const OUTSIDE: [(&str, &[&str]); 5] = [
     ("sensor-swap@ch05+ch14", &["sensor-swap"]),
     ("base-rotation=4e-14", &["base-rotation", "connection-flexibility", "stiffness-loss"]),
     ("mass-eccentricity=x=3,y=2", &["mass-eccentricity"]),
-    ("stiffness-scale=0.25", &["stiffness-scale", "mass-scale"]),
+    ("stiffness-scale=0.5", &["stiffness-scale", "mass-scale"]),
 ];
 
 #[test]

@@ -25,7 +25,7 @@ use super::search::Searched;
 use super::settle::next_measurement;
 use super::signals::{Signal, Signals, all_shown, shown};
 use super::state::State;
-use crate::compare::{exceeding, levels};
+use crate::compare::{Block, exceeding, levels};
 use crate::model::Body;
 use crate::model::effect::{Effect, Where};
 use crate::modes::{MeasuredMode, are_known};
@@ -264,6 +264,12 @@ impl<'a> Weighed<'a> {
         if found.own().looks_like_the_table(found.index()) {
             return Some(format!(
                 "{} stands out, but is not counted: it is no larger than what the model's own tolerance looks like",
+                found.effect()
+            ));
+        }
+        if !problem.explains_its_channels(found.own(), found.index()) {
+            return Some(format!(
+                "{} stands out, but is not counted: what it leaves at its own channels is more than at all others",
                 found.effect()
             ));
         }
@@ -559,25 +565,31 @@ fn rows_of_single_modes(fit: &Fit) -> Vec<bool> {
     rows
 }
 
+/// Squared differences of shapes in a fit at every sensor of these, in standard deviations: their sum, and how many there are.
+pub(super) fn squares_by_sensor(sensors: usize, fit: &Fit) -> Vec<(f64, usize)> {
+    let mut squares = vec![(0.0, 0usize); sensors];
+    for (_, block, factor) in fit.state.blocks() {
+        for (sensor, square) in sensor_squares(block, factor) {
+            squares[sensor].0 += square;
+            squares[sensor].1 += 1;
+        }
+    }
+    squares
+}
+
 pub(super) fn unexplained(problem: &Problem, fit: &Fit) -> Unexplained {
     let state = &fit.state;
-    let mut sensors = vec![(0.0, 0usize); problem.sensors.len()];
-    let mut by_mode = Vec::new();
-    for (first, block, factor) in state.blocks() {
+    let of_mode = |(first, block, _): (usize, &Block, &Cholesky<f64, Dyn>)| {
         let mode = &problem.measured[block.measured];
-        let part = state.modes.rows(first, block.size());
-        by_mode.push(ModeMisfit {
+        ModeMisfit {
             measured: mode.number,
             measured_hz: mode.frequency_hz,
             frequency_error_percent: error_percent(state.model.view.modes.frequency_hz[block.model], mode),
-            mean_square: part.norm_squared() / block.size() as f64,
-        });
-        for (sensor, square) in sensor_squares(block, factor) {
-            sensors[sensor].0 += square;
-            sensors[sensor].1 += 1;
+            mean_square: state.modes.rows(first, block.size()).norm_squared() / block.size() as f64,
         }
-    }
-    let by_sensor: Vec<(usize, f64)> = sensors
+    };
+    let by_mode = state.blocks().map(of_mode).collect();
+    let by_sensor: Vec<(usize, f64)> = squares_by_sensor(problem.sensors.len(), fit)
         .iter()
         .enumerate()
         .filter(|(_, (_, count))| *count > 0)
@@ -612,7 +624,7 @@ pub(super) fn error_percent(frequency_hz: f64, mode: &MeasuredMode) -> f64 {
 
 /// Squared differences of a shape sensor by sensor, in standard deviations of measurement and discrepancy. `factor` is the Cholesky
 /// factor of the block's covariance.
-fn sensor_squares(block: &crate::compare::Block, factor: &Cholesky<f64, Dyn>) -> Vec<(usize, f64)> {
+fn sensor_squares(block: &Block, factor: &Cholesky<f64, Dyn>) -> Vec<(usize, f64)> {
     let Some(shape) = &block.shape else { return Vec::new() };
     let rows = block.size() - 1;
     let left = &shape.directions * block.residual.rows(1, rows);

@@ -63,6 +63,7 @@ pub(crate) use layout::{is_list_of_rows, sides_m};
 pub use load::{Freedoms, LoadedModel, ModelError, load, load_up_to, read_beam, section};
 pub use matrices::{ImportedMatrices, MatrixError, WholeMatrices, matrix_market, npy, sparse_matrix_market};
 pub use response::Responses;
+pub(crate) use sensing::row_of;
 pub use sensing::{Sensing, SensorChange, phases_rad};
 pub use sensitivity::{Change, ModeDerivative, frequency_derivatives};
 pub use sensor::{BesideNode, SensorError};

@@ -76,7 +76,7 @@ pub fn phases_rad(shape: &[f64], delays_s: &RowDVector<f64>, frequency_hz: f64) 
 }
 
 /// The row of a channel among the sensors; a `ch` in front of its name may be left out or not.
-pub(super) fn row_of(channel: &str, sensors: &[Sensor]) -> Option<usize> {
+pub(crate) fn row_of(channel: &str, sensors: &[Sensor]) -> Option<usize> {
     let row = |name: &str| sensors.iter().position(|sensor| sensor.channel == name);
     row(channel).or_else(|| row(channel.strip_prefix("ch")?))
 }
