@@ -24,6 +24,13 @@ pub(crate) fn beyond(values: &[f64], limit: f64) -> f64 {
     100.0 * values.iter().filter(|value| value.abs() > limit).count() as f64 / known.max(1) as f64
 }
 
+/// The value below which a share of the values lies; NaN where there are none.
+pub(crate) fn quantile(values: &mut [f64], share: f64) -> f64 {
+    values.sort_by(f64::total_cmp);
+    let at = ((values.len() as f64 - 1.0) * share).round();
+    values.get(at.max(0.0) as usize).copied().unwrap_or(f64::NAN)
+}
+
 /// Wilson's 95 % interval of a share, in percent (Wilson 1927, J. Am. Stat. Assoc. 22, 209).
 pub(crate) fn wilson_percent(yes: usize, of: usize) -> [f64; 2] {
     const Z: f64 = 1.96;
@@ -46,6 +53,12 @@ mod tests {
         assert!((rms(&values) - 12.5_f64.sqrt()).abs() < 1e-12);
         assert_eq!((beyond(&values, 3.5), beyond(&values, 5.0)), (50.0, 0.0));
         assert!(rms(&values[2..]).is_nan());
+    }
+
+    #[test]
+    fn quantiles_stand_between_values() {
+        assert_eq!(quantile(&mut [3.0, 1.0, 2.0], 0.5), 2.0);
+        assert!(quantile(&mut [], 0.5).is_nan());
     }
 
     #[test]

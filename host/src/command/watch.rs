@@ -15,10 +15,12 @@ use super::Console;
 use super::identify::interval;
 use super::interrupt::{alone, stop_on_signal};
 use super::route::{RouteArguments, percent};
-use super::text::Columns;
+use super::text::{Columns, values_before_units};
 use crate::archive::moment;
+use crate::diagnose::{ChangeVerdict, Direction};
+use crate::numbers::probability_text;
 use crate::results::ALARMS_FILE;
-use crate::story::{Event, EventKind, Project, WatchReport, WatchRequest};
+use crate::story::{Cause, Event, EventKind, ProbableEffect, Project, WatchReport, WatchRequest};
 use crate::watch::{Alarm, DAY_S, ModeShift, Settings, Standing, State};
 
 const EXAMPLES: &str = "Examples:
@@ -27,7 +29,7 @@ const EXAMPLES: &str = "Examples:
   belfry watch tower --on-alarm 'mail -s tower me@example.org'
   belfry watch tower --once --json
 
-Follows the modes that `belfry identify` has found, in intervals, and judges whole days. Temperature, vibration level and what wanders for weeks are learned from the days themselves; a change is what they cannot do. The first 24 days say nothing yet. Days of frost are left out, so the setup needs a `temperature` file. An alarm has a date, a size for every mode, and is followed for two weeks: then the change is lasting or withdrawn.
+Follows the modes that `belfry identify` has found, in intervals, and judges whole days. Temperature, vibration level and what wanders for weeks are learned from the days themselves; a change is what they cannot do. The first 24 days say nothing yet. Days of frost are left out, so the setup needs a `temperature` file. An alarm has a date, a size for every mode and, where the study has a model, what it most probably is. It is followed for two weeks: then the change is lasting or withdrawn.
 
 --on-alarm runs a command for every event, with the event as JSON on its standard input.
 
@@ -190,10 +192,35 @@ fn sentence(event: &Event, is_live: bool) -> String {
     let alarm = &event.alarm;
     let when = format!("between {} and {}", time(alarm.between_s[0], is_live), time(alarm.between_s[1], is_live));
     match event.event {
-        EventKind::Raised => format!("ALARM: {} has changed {when}: {}.", event.structure, shifts(alarm)),
-        EventKind::Lasting => format!("The change {when} lasts: {}.", shifts(alarm)),
+        EventKind::Raised => {
+            let cause = in_words(event.cause.as_ref());
+            format!("ALARM: {} has changed {when}: {}.{cause}", event.structure, shifts(alarm))
+        }
+        EventKind::Lasting => {
+            format!("The change {when} lasts: {}.{}", shifts(alarm), in_words(event.cause.as_ref()))
+        }
         EventKind::Withdrawn => {
             format!("The alarm of {} is withdrawn: later days do not show it.", time(alarm.raised_s, is_live))
+        }
+    }
+}
+
+/// What a change most probably is, as a sentence behind others; nothing where no model says it.
+fn in_words(cause: Option<&Cause>) -> String {
+    let Some(cause) = cause else { return String::new() };
+    let has = if cause.direction == Direction::Come { "has come" } else { "has gone" };
+    let probable = |effect: &ProbableEffect| {
+        let values = values_before_units(&effect.parameters, " ").replace('\n', ", ");
+        let values = if values.is_empty() { values } else { format!(", {values}") };
+        format!("{} ({}{values})", effect.effect, probability_text(effect.probability))
+    };
+    let named: Vec<String> =
+        cause.effects.iter().filter(|effect| cause.named.contains(&effect.effect)).map(probable).collect();
+    match cause.verdict {
+        ChangeVerdict::Effect => format!(" Most probably {} {has}.", named.join(" and ")),
+        ChangeVerdict::Ambiguous => format!(" One of these {has}: {}.", named.join(", ")),
+        ChangeVerdict::Unknown | ChangeVerdict::Unchanged => {
+            " By the model it is no single effect of the catalogue.".to_owned()
         }
     }
 }
@@ -253,11 +280,13 @@ fn say(report: &WatchReport, project: &Project, is_live: bool, is_first: bool, c
         console.say(format!("Mode {number} was not seen for a week, although most days before show it."));
     }
     if is_first && !judgement.alarms.is_empty() {
-        for alarm in judgement.alarms.iter().filter(|alarm| alarm.state != State::Withdrawn) {
+        let alarms = judgement.alarms.iter().zip(&report.causes);
+        for (alarm, cause) in alarms.filter(|(alarm, _)| alarm.state != State::Withdrawn) {
             let what = if alarm.state == State::Open { "open" } else { "lasting" };
-            console.say(format!("Change of {} ({what}): {}.", time(alarm.first_day_s, is_live), shifts(alarm)));
+            let cause = in_words(cause.as_ref());
+            console.say(format!("Change of {} ({what}): {}.{cause}", time(alarm.first_day_s, is_live), shifts(alarm)));
         }
-        console.say("What it may be: `belfry change STUDY --before MODES` compares the modes of two times, with the model where there is one.");
+        console.say("`belfry change STUDY --before MODES` compares the modes of two times, shapes as well.");
     }
     console.say(format!("Picture: {}", project.results().path("watch.svg").display()));
 }

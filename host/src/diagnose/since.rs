@@ -11,7 +11,7 @@
 //! changed has none.
 
 use nalgebra::{DMatrix, DVector};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::candidates::Options;
 use super::criteria::{FAILS, STANDS_OUT};
@@ -26,11 +26,11 @@ use super::steps::Setting;
 use super::verdict::{Weighed, rejected_report};
 use crate::change::{Difference, differences};
 use crate::model::effect::{Effect, Evidence, KINDS};
-use crate::modes::MeasuredMode;
+use crate::modes::{MeasuredMode, StatedMode};
 use crate::study::Model;
 
 /// What has happened to the structure.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum ChangeVerdict {
     /// Most probably nothing.
@@ -44,7 +44,7 @@ pub enum ChangeVerdict {
 }
 
 /// Whether an effect is there now and was not before, or the other way.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Direction {
     /// It has come.
@@ -224,8 +224,18 @@ fn changed(
     now: &[MeasuredMode],
 ) -> Result<Problem, DiagnoseError> {
     let differences = differences(setting.measured, now);
-    let moved: Vec<MeasuredMode> =
-        differences.iter().filter_map(|one| moved_with(setting.measured, before, fitted, one, now)).collect();
+    let mass = fitted.state.model.structure.assemble().mass;
+    let moved = differences.iter().filter_map(|one| {
+        let mode = moved_with(setting.measured, before, fitted, one, now)?;
+        let is_known = mode.shape.is_some() || mode.stated.is_some();
+        // Where no shape says which mode of the model it is, the mode before does.
+        let stated = || {
+            let (_, block) = fitted.state.residual.block_of(place(setting.measured, before, one.before)?)?;
+            StatedMode::in_model(block.model, &mass, &fitted.state.model.view.modes)
+        };
+        Some(if is_known { mode } else { MeasuredMode { stated: stated(), ..mode } })
+    });
+    let moved: Vec<MeasuredMode> = moved.collect();
     let model =
         Model { background_stiffness: None, background_mass: None, effects: Vec::new(), ..setting.model.clone() };
     let structure = fitted.state.model.structure.clone().with_trusted_groups();
@@ -236,6 +246,11 @@ fn changed(
     Ok(problem)
 }
 
+/// Where a measured mode stands in the problem before.
+fn place(measured: &[MeasuredMode], before: &Problem, index: usize) -> Option<usize> {
+    before.measured().iter().position(|mode| mode.number == measured[index].number)
+}
+
 /// A mode as the fitted model would show it now; `None` where the mode before has no partner in the model.
 fn moved_with(
     measured: &[MeasuredMode],
@@ -244,7 +259,7 @@ fn moved_with(
     difference: &Difference,
     now: &[MeasuredMode],
 ) -> Option<MeasuredMode> {
-    let place = |index: usize| before.measured().iter().position(|mode| mode.number == measured[index].number);
+    let place = |index: usize| place(measured, before, index);
     let frequency_hz = fitted.state.frequency_of(place(difference.before)?)?;
     let spanned_by = difference.shape.iter().flat_map(|shape| &shape.spanned_by);
     let image = |(index, mode): &(usize, MeasuredMode)| {

@@ -31,6 +31,13 @@ impl StatedMode {
         Self { number, line, given: None }
     }
 
+    /// A mode (0-based) of this model; `None` where it has no such mode.
+    pub(crate) fn in_model(mode: usize, mass: &DMatrix<f64>, modes: &Modes) -> Option<Self> {
+        let frequency_hz = *modes.frequency_hz.get(mode)?;
+        let given = GivenMode { frequency_hz, momentum: mass * modes.shapes.column(mode) };
+        Some(Self { given: Some(given), ..Self::new(mode + 1, 0) })
+    }
+
     /// Its frequency in the model as first given; `None` where that is not known.
     pub(crate) fn frequency_hz(&self) -> Option<f64> {
         self.given.as_ref().map(|given| given.frequency_hz)
@@ -59,15 +66,15 @@ impl MeasuredModes {
     pub fn find_stated(&mut self, mass: &DMatrix<f64>, modes: &Modes) -> Result<(), MeasuredError> {
         for mode in &mut self.modes {
             let Some(stated) = &mut mode.stated else { continue };
-            let index = stated.number.checked_sub(1).filter(|index| *index < modes.frequency_hz.len());
-            let index = index.ok_or_else(|| MeasuredError::NoSuchModelMode {
+            let index = stated.number.checked_sub(1);
+            let found = index.and_then(|index| StatedMode::in_model(index, mass, modes));
+            let found = found.ok_or_else(|| MeasuredError::NoSuchModelMode {
                 file: self.file.clone(),
                 line: stated.line,
                 number: stated.number,
                 modes: modes.frequency_hz.len(),
             })?;
-            let momentum = mass * modes.shapes.column(index);
-            stated.given = Some(GivenMode { frequency_hz: modes.frequency_hz[index], momentum });
+            *stated = StatedMode { line: stated.line, ..found };
         }
         Ok(())
     }

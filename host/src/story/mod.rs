@@ -46,6 +46,7 @@
 
 mod blocks;
 mod case;
+mod cause;
 mod change;
 mod climate;
 mod covalidated;
@@ -68,6 +69,7 @@ pub use crate::measure::Route;
 pub use crate::progress::{OnProgress, Progress};
 pub use case::Case;
 pub(crate) use case::outdated;
+pub use cause::{Cause, ProbableEffect};
 pub(crate) use change::data_mark;
 pub use change::{AutoEnd, ChangeReport, EffectReport, add, add_until_nothing_gains, remove};
 pub use climate::Climate;

@@ -8,6 +8,7 @@ use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 
+use super::cause::{Cause, cause};
 use super::error::StoryError;
 use crate::archive::TimeRange;
 use crate::identify::Identification;
@@ -46,6 +47,8 @@ pub struct WatchReport {
     pub settings: Settings,
     /// What the days say.
     pub judgement: Judgement,
+    /// What each alarm's change most probably is, by the study's model; null where there is none, or it cannot say.
+    pub causes: Vec<Option<Cause>>,
     /// What has become of alarms this time.
     pub events: Vec<Event>,
     /// What the reader should know.
@@ -74,6 +77,9 @@ pub struct Event {
     pub event: EventKind,
     /// The alarm.
     pub alarm: Alarm,
+    /// What its change most probably is, where the study has a model that can say.
+    #[serde(default)]
+    pub cause: Option<Cause>,
 }
 
 /// What can become of an alarm.
@@ -96,6 +102,8 @@ struct Earlier {
     judged_until_s: Option<f64>,
     #[serde(default)]
     judgement: EarlierJudgement,
+    #[serde(default)]
+    causes: Vec<Option<Cause>>,
 }
 
 #[derive(Debug, Default, Deserialize)]
@@ -147,7 +155,22 @@ pub(super) fn watch(
     let old = earlier.judgement.alarms.clone();
     let until_s = earlier.judged_until_s.unwrap_or(f64::NEG_INFINITY);
     let judgement = judge(&days, &numbers, &request.settings, earlier.judgement.alarms, until_s);
-    let events = events(&study.structure.name, &old, &judgement.alarms);
+    let changed = changed(&old, &judgement.alarms);
+    let mut causes = earlier.causes;
+    causes.resize(judgement.alarms.len(), None);
+    for &(index, kind) in &changed {
+        causes[index] = match kind {
+            EventKind::Withdrawn => None,
+            EventKind::Raised | EventKind::Lasting => cause_of(study, results, &judgement.alarms, index, &mut warnings),
+        };
+    }
+    let event = |&(index, event): &(usize, EventKind)| Event {
+        structure: study.structure.name.clone(),
+        event,
+        alarm: judgement.alarms[index].clone(),
+        cause: causes[index].clone(),
+    };
+    let events: Vec<Event> = changed.iter().map(event).collect();
     let share = |number: usize| {
         let seen = intervals.iter().filter(|one| one.modes.iter().any(|mode| mode.number == number)).count();
         seen as f64 / intervals.len().max(1) as f64
@@ -172,6 +195,7 @@ pub(super) fn watch(
         judged_until_s: days.last().map(|day| day.time_s).or(earlier.judged_until_s),
         settings: request.settings,
         judgement,
+        causes,
         events,
         warnings,
     })
@@ -222,21 +246,37 @@ fn whole_days(mut days: Vec<Block>, last: Option<&SeenInterval>) -> Vec<Block> {
     days
 }
 
-/// What has become of alarms between two judgements.
-fn events(structure: &str, before: &[Alarm], now: &[Alarm]) -> Vec<Event> {
-    let event =
-        |kind: EventKind, alarm: &Alarm| Event { structure: structure.to_owned(), event: kind, alarm: alarm.clone() };
+/// What has become of alarms between two judgements: the index of each, and what.
+fn changed(before: &[Alarm], now: &[Alarm]) -> Vec<(usize, EventKind)> {
     let mut events = Vec::new();
     for (index, alarm) in now.iter().enumerate() {
         let was = before.get(index).map(|alarm| alarm.state);
         if was.is_none() {
-            events.push(event(EventKind::Raised, alarm));
+            events.push((index, EventKind::Raised));
         }
         match alarm.state {
-            State::Lasting if was != Some(State::Lasting) => events.push(event(EventKind::Lasting, alarm)),
-            State::Withdrawn if was != Some(State::Withdrawn) => events.push(event(EventKind::Withdrawn, alarm)),
+            State::Lasting if was != Some(State::Lasting) => events.push((index, EventKind::Lasting)),
+            State::Withdrawn if was != Some(State::Withdrawn) => events.push((index, EventKind::Withdrawn)),
             State::Open | State::Lasting | State::Withdrawn => {}
         }
     }
     events
+}
+
+/// What the change of an alarm is by the study's model; `None` where there is none, or where it cannot say, which is told.
+fn cause_of(
+    study: &Study,
+    results: &Results,
+    alarms: &[Alarm],
+    index: usize,
+    warnings: &mut Vec<String>,
+) -> Option<Cause> {
+    study.model.as_ref()?;
+    match cause(study, &results.path(REFERENCE_FILE), &alarms[index], &alarms[..index]) {
+        Ok(cause) => Some(cause),
+        Err(error) => {
+            warnings.push(format!("the model cannot say what has changed: {error}"));
+            None
+        }
+    }
 }

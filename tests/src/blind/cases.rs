@@ -8,7 +8,7 @@ use super::damped::{DampedMode, damped_modes};
 use super::effect::Effect;
 use super::magnitude::{Band, draw, log_uniform};
 use super::outside;
-use super::scatter::scatter;
+use super::scatter::Scatter;
 use super::structures::{NAMES, Structure};
 use super::world::{Loads, World, Worlds};
 
@@ -111,6 +111,8 @@ pub struct Case {
     pub(super) body: Body,
     /// As it would be without the defect.
     pub(super) sound: Body,
+    /// How such structures scatter.
+    pub(super) scatter: Scatter,
     pub(super) damping_ratios: Vec<f64>,
     pub(super) hours: f64,
     pub(super) world: World,
@@ -138,7 +140,7 @@ impl Case {
         for offset in 0..NAMES.len() {
             let name = options.structure.as_deref().unwrap_or(NAMES[(turn + offset) % NAMES.len()]);
             let structure = Structure::named(name)?;
-            let sound = sound(&structure, &world, &mut random);
+            let (sound, scatter) = sound(&structure, &world, &mut random);
             let defect = hidden(category, &options.kinds, &world, &sound, &structure, &mut random);
             if let Some((body, effects, outside)) = defect {
                 let damping_ratios = (0..MODES).map(|_| log_uniform(&mut random, [0.005, 0.02])).collect();
@@ -154,6 +156,7 @@ impl Case {
                     outside,
                     body,
                     sound,
+                    scatter,
                     damping_ratios,
                     hours,
                     world,
@@ -219,11 +222,13 @@ fn categories() -> [Category; 20] {
     })
 }
 
-fn sound(structure: &Structure, world: &World, random: &mut impl Rng) -> Body {
+/// A structure without a defect, and how it scatters.
+fn sound(structure: &Structure, world: &World, random: &mut impl Rng) -> (Body, Scatter) {
     let mut body = Body::fine(structure);
     let stiffness = random.random_range(0.02..0.03);
-    scatter(&mut body, [stiffness, 0.01], structure.correlation_length_m(), world, random);
-    body
+    let scatter = Scatter::of(&body, [stiffness, 0.01], structure.correlation_length_m(), world);
+    scatter.draw(&mut body, random);
+    (body, scatter)
 }
 
 type Hidden = (Body, Vec<Effect>, Option<&'static str>);

@@ -4,18 +4,22 @@
 
 use std::f64::consts::PI;
 
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 use rand::{Rng, RngExt};
 
 use super::body::Body;
 use super::effect::Effect;
 use super::structures::Structure;
+use super::visibility::Measured;
 
 /// Largest sine of the angle between a shape before and after, for what moves shapes and not frequencies.
 const TURN: [f64; 2] = [0.1, 0.4];
 /// A mode below this share of every channel's squared motion is not seen.
 const SEEN: f64 = 2e-3;
 const MODES: usize = 24;
+/// Modes beyond the band that may pair with its last ones, and how near frequencies of a pair are, as a share.
+const SPARE: usize = 4;
+const NEAR: f64 = 0.3;
 const LEAST_P_DELTA: f64 = 0.015;
 
 /// Undamped modes of the band as the sensors see them.
@@ -51,6 +55,41 @@ impl Band {
         let pairs = self.frequencies_hz.iter().zip(&other.frequencies_hz);
         let (sum, count) = pairs.fold((0.0, 0), |(sum, count), (f, g)| (sum + 100.0 * (g / f - 1.0).abs(), count + 1));
         sum / f64::from(count.max(1))
+    }
+
+    /// What another body of the structure changes in modes that are seen: logarithms of frequencies, each with its shape of length 1, paired by
+    /// resemblance. `None` where it buckles.
+    pub(super) fn change_to(&self, body: &Body, structure: &Structure) -> Option<DVector<f64>> {
+        let other = Self::of(body, structure, Some(self.frequencies_hz.len() + SPARE))?;
+        let [mine, others] = [&self.shapes, &other.shapes].map(|shapes| {
+            let lengths = shapes.column_iter().map(|shape| shape.normalize());
+            lengths.collect::<Vec<DVector<f64>>>()
+        });
+        let mut free: Vec<usize> = (0..others.len()).collect();
+        let mut changes = Vec::new();
+        for mode in self.modes_seen() {
+            let likeness = |at: &usize| {
+                let apart = (other.frequencies_hz[free[*at]] / self.frequencies_hz[mode]).ln() / NEAR;
+                mine[mode].dot(&others[free[*at]]).powi(2) * (-apart * apart).exp()
+            };
+            let nearest = (0..free.len()).max_by(|a, b| likeness(a).total_cmp(&likeness(b)))?;
+            let pair = free.remove(nearest);
+            changes.push((other.frequencies_hz[pair] / self.frequencies_hz[mode]).ln());
+            let sign = mine[mode].dot(&others[pair]).signum();
+            changes.extend((sign * &others[pair] - &mine[mode]).iter());
+        }
+        Some(DVector::from_vec(changes))
+    }
+
+    /// Variances of the numbers of [`Band::change_to`] by measurement.
+    pub(super) fn variances(&self, measured: Measured) -> DVector<f64> {
+        let of_mode = std::iter::once(measured.frequency).chain(vec![measured.shape; self.shapes.nrows()]);
+        let all = self.modes_seen().flat_map(|_| of_mode.clone());
+        DVector::from_iterator(self.modes_seen().count() * (1 + self.shapes.nrows()), all.map(|std| std * std))
+    }
+
+    fn modes_seen(&self) -> impl Iterator<Item = usize> {
+        (0..self.seen.len()).filter(|&mode| self.seen[mode])
     }
 
     /// Largest sine of the angle between shapes of modes that are seen, in order.

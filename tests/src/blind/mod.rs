@@ -23,6 +23,7 @@ mod score;
 mod structures;
 mod study;
 mod table;
+mod visibility;
 mod wind;
 mod world;
 

@@ -6,10 +6,12 @@ use super::cases::Category;
 use super::honesty::Honesty;
 use super::score::{CaseRecord, named_set};
 use super::structures::NAMES;
-use crate::statistics::wilson_percent;
+use crate::statistics::{quantile, wilson_percent};
 
 /// Bounds of the shifts by which detection is told, as shares of a frequency.
 const SHIFTS: [f64; 6] = [0.0, 0.01, 0.02, 0.03, 0.06, f64::INFINITY];
+/// Bounds of the deviations by which effects stand out.
+const VISIBILITIES: [f64; 6] = [0.0, 4.0, 6.0, 8.0, 12.0, f64::INFINITY];
 /// Bounds of the probabilities by which verdicts are held against the truth.
 const PROBABILITIES: [f64; 7] = [0.0, 0.5, 0.8, 0.9, 0.99, 0.999, f64::INFINITY];
 
@@ -27,13 +29,6 @@ fn rate(judged: impl Iterator<Item = Option<bool>>) -> String {
     let [low, high] = wilson_percent(yes, judged.len());
     let share = 100.0 * yes as f64 / judged.len() as f64;
     format!("{yes} of {}, {share:.1} % (95 %: {low:.0} to {high:.0})", judged.len())
-}
-
-/// The value below which a share of the values lies.
-fn quantile(values: &mut [f64], share: f64) -> f64 {
-    values.sort_by(f64::total_cmp);
-    let at = ((values.len() as f64 - 1.0) * share).round();
-    values.get(at.max(0.0) as usize).copied().unwrap_or(f64::NAN)
 }
 
 fn mean(values: &[f64]) -> f64 {
@@ -107,6 +102,7 @@ pub fn print_summary(records: &[CaseRecord]) {
     let failures = all().map(|record| record.failures.len()).sum::<usize>();
     row("commands that failed", &failures.to_string());
     print_detection(records);
+    print_visibility(records);
     print_reliability(records);
     print_worlds(records);
     print_confusions(records);
@@ -128,6 +124,28 @@ fn print_detection(records: &[CaseRecord]) {
             false => format!("above {:.0} %", 100.0 * ends[0]),
         };
         row(&what, &rate(of_it().map(CaseRecord::first_right)));
+    }
+}
+
+/// The same by how far they stand out of what nobody can know, and pairs by the one of them that stands out less.
+fn print_visibility(records: &[CaseRecord]) {
+    println!("\nby deviations that they stand out by: effects in the named set; pairs, both recovered");
+    for (at, ends) in VISIBILITIES.windows(2).enumerate() {
+        let of_it = || {
+            let stands = |record: &&CaseRecord| {
+                record.visibility.and_then(|visibility| interval(&VISIBILITIES, visibility)) == Some(at)
+            };
+            records.iter().filter(stands)
+        };
+        let what = match ends[1].is_finite() {
+            true => format!("{} to {}", ends[0], ends[1]),
+            false => format!("above {}", ends[0]),
+        };
+        println!(
+            "{what:24} {:40} {}",
+            rate(of_it().map(CaseRecord::in_set)),
+            rate(of_it().map(CaseRecord::both_found))
+        );
     }
 }
 
@@ -202,7 +220,6 @@ mod tests {
     fn rates_leave_out_what_cannot_be_judged() {
         assert_eq!(rate([Some(true), None, Some(false), Some(true)].into_iter()), "2 of 3, 66.7 % (95 %: 21 to 94)");
         assert_eq!(rate(std::iter::empty()), "no case");
-        assert_eq!(quantile(&mut [3.0, 1.0, 2.0], 0.5), 2.0);
     }
 
     #[test]

@@ -10,12 +10,14 @@ use std::time::{Duration, Instant};
 
 use serde_json::Value;
 
-use super::answer;
+use super::answer::{self, IdentifiedMode};
 use super::cases::{Case, Category};
 use super::effect::Place;
 use super::honesty::{ExactMode, honesty};
 use super::score::{CaseRecord, TrueEffect, canonical};
 use super::study;
+use super::visibility::{Measured, visibility};
+use crate::statistics::quantile;
 
 /// A command that takes longer hangs. Far above what any takes (20 s on a quiet computer), for a busy one must not fail here.
 const DEADLINE: Duration = Duration::from_secs(1200);
@@ -97,7 +99,9 @@ impl Bench {
                 ExactMode { frequency_hz: mode.frequency_hz(), shape }
             })
             .collect();
-        record.honesty = honesty(&answer::modes(&identified), &exact, case.structure.band_hz);
+        let modes = answer::modes(&identified);
+        record.honesty = honesty(&modes, &exact, case.structure.band_hz);
+        record.visibility = how_well(&modes).and_then(|measured| visibility(case, measured));
         let compared = self.answer(&["compare"], folder, record).unwrap_or_default();
         [record.error_before, record.mac_before] = answer::comparison(&compared);
         Ok(())
@@ -201,6 +205,18 @@ impl Bench {
     }
 }
 
+/// How well modes are measured, by what they state: the median of them; `None` where there are none.
+fn how_well(modes: &[IdentifiedMode]) -> Option<Measured> {
+    let of_shape = |mode: &IdentifiedMode| {
+        let length = mode.shape.iter().map(|[re, im, _]| re * re + im * im).sum::<f64>().sqrt();
+        mode.shape.iter().map(move |[.., std]| std / length).collect::<Vec<f64>>()
+    };
+    let mut frequencies: Vec<f64> = modes.iter().map(|mode| mode.frequency_std_hz / mode.frequency_hz).collect();
+    let mut shapes: Vec<f64> = modes.iter().flat_map(of_shape).collect();
+    let measured = Measured { frequency: quantile(&mut frequencies, 0.5), shape: quantile(&mut shapes, 0.5) };
+    (measured.frequency.is_finite() && measured.shape.is_finite()).then_some(measured)
+}
+
 /// A record with what the case itself knows.
 fn blank(case: &Case) -> Result<CaseRecord, String> {
     let effect = |effect: &super::effect::Effect| TrueEffect {
@@ -218,6 +234,7 @@ fn blank(case: &Case) -> Result<CaseRecord, String> {
         height_m: case.structure.height_m(),
         world: case.world,
         shift: case.shift(),
+        visibility: None,
         honesty: Default::default(),
         error_before: f64::NAN,
         error_after: None,

@@ -1,20 +1,17 @@
 //! The background: how a sound structure differs from its table. Gaussian factors over the height, on stiffness and on mass.
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{DMatrix, DVector, SymmetricEigen};
 use rand::Rng;
 use rand_distr::{Distribution, StandardNormal};
 
 use super::body::Body;
 use super::world::{Kernel, World};
 
-/// A Gaussian process of unit variance at some heights; `segments` says which of them move together where each segment is by itself.
-fn process(
-    kernel: Kernel,
-    heights_m: &[f64],
-    segments: &[usize],
-    correlation_length_m: f64,
-    random: &mut impl Rng,
-) -> Vec<f64> {
+/// Variance along a principal direction, as a share of the largest, that is left out.
+const HARDLY: f64 = 1e-3;
+
+/// Correlations of the scatter at some heights; `segments` says which of them move together where each segment is by itself.
+fn correlations(kernel: Kernel, heights_m: &[f64], segments: &[usize], correlation_length_m: f64) -> DMatrix<f64> {
     let correlation = |i: usize, j: usize| {
         let apart = (heights_m[i] - heights_m[j]).abs() / correlation_length_m;
         match kernel {
@@ -23,50 +20,99 @@ fn process(
             Kernel::White => f64::from(u8::from(segments[i] == segments[j])),
         }
     };
-    let covariance = DMatrix::from_fn(heights_m.len(), heights_m.len(), |i, j| {
-        // The smooth kernel's own matrix is singular to working precision; this much makes it a Cholesky's.
-        correlation(i, j) + if i == j { 1e-9 } else { 0.0 }
-    });
-    let normals = DVector::from_fn(heights_m.len(), |_, _| StandardNormal.sample(random));
-    match covariance.cholesky() {
+    DMatrix::from_fn(heights_m.len(), heights_m.len(), correlation)
+}
+
+/// A Gaussian process of unit variance with these correlations.
+fn process(mut correlations: DMatrix<f64>, random: &mut impl Rng) -> Vec<f64> {
+    let count = correlations.nrows();
+    // The smooth kernel's own matrix is singular to working precision; this much makes it a Cholesky's.
+    (0..count).for_each(|at| correlations[(at, at)] += 1e-9);
+    let normals = DVector::from_fn(count, |_, _| StandardNormal.sample(random));
+    match correlations.cholesky() {
         Some(factor) => (factor.l() * normals).iter().copied().collect(),
-        None => vec![0.0; heights_m.len()],
+        None => vec![0.0; count],
     }
 }
 
-/// Scatters stiffness and mass by relative standard deviations: all stiffnesses of an element by one factor, or each by its own.
-pub(super) fn scatter(
-    body: &mut Body,
-    [stiffness, mass]: [f64; 2],
-    correlation_length_m: f64,
-    world: &World,
-    random: &mut impl Rng,
-) {
-    let length_m = world.length * correlation_length_m;
-    let [stiffness, mass] = [stiffness, mass].map(|relative| relative * world.scatter);
-    let segments: Vec<usize> = body.elements.iter().map(|element| element.segment).collect();
-    let middles: Vec<f64> = (0..body.elements.len()).map(|element| body.middle_m(element)).collect();
-    let mut factors = || {
-        let normals = process(world.kernel, &middles, &segments, length_m, random);
-        normals.into_iter().map(|normal| 1.0 + stiffness * normal).collect::<Vec<f64>>()
-    };
-    if world.apart {
-        let [bending_1, bending_2, shear_1, shear_2, torsion] = [0; 5].map(|_| factors());
-        for (at, element) in body.elements.iter_mut().enumerate() {
-            element.bending_n_m2[0] *= bending_1[at];
-            element.bending_n_m2[1] *= bending_2[at];
-            element.shear_compliance_per_n[0] /= shear_1[at];
-            element.shear_compliance_per_n[1] /= shear_2[at];
-            element.torsion_n_m2 *= torsion[at];
+/// How the segments of a body scatter.
+#[derive(Debug, Clone)]
+pub(super) struct Scatter {
+    /// Relative standard deviation of stiffness and of mass.
+    stiffness: f64,
+    mass: f64,
+    is_apart: bool,
+    of_elements: DMatrix<f64>,
+    of_nodes: DMatrix<f64>,
+}
+
+impl Scatter {
+    /// Relative deviations as the study states them, over the height of this body, in a world.
+    pub(super) fn of(body: &Body, [stiffness, mass]: [f64; 2], correlation_length_m: f64, world: &World) -> Self {
+        let length_m = world.length * correlation_length_m;
+        let segments: Vec<usize> = body.elements.iter().map(|element| element.segment).collect();
+        let middles: Vec<f64> = (0..body.elements.len()).map(|element| body.middle_m(element)).collect();
+        let heights: Vec<f64> = body.nodes.iter().map(|node| node.z_m).collect();
+        // A node goes with the segment below it.
+        let of_nodes: Vec<usize> = segments.first().into_iter().chain(&segments).copied().collect();
+        Self {
+            stiffness: stiffness * world.scatter,
+            mass: mass * world.scatter,
+            is_apart: world.apart,
+            of_elements: correlations(world.kernel, &middles, &segments, length_m),
+            of_nodes: correlations(world.kernel, &heights, &of_nodes, length_m),
         }
-    } else {
-        body.elements.iter_mut().zip(factors()).for_each(|(element, factor)| element.scale(factor));
     }
-    let heights: Vec<f64> = body.nodes.iter().map(|node| node.z_m).collect();
-    // A node goes with the segment below it.
-    let of_nodes: Vec<usize> = segments.first().into_iter().chain(&segments).copied().collect();
-    for (node, normal) in body.nodes.iter_mut().zip(process(world.kernel, &heights, &of_nodes, length_m, random)) {
-        node.scale(1.0 + mass * normal);
+
+    /// How many factors an element's stiffnesses have: one for all, or bending and shear along each axis and torsion by themselves.
+    fn kinds(&self) -> usize {
+        if self.is_apart { 5 } else { 1 }
+    }
+
+    /// Scatters a body.
+    pub(super) fn draw(&self, body: &mut Body, random: &mut impl Rng) {
+        for kind in 0..self.kinds() {
+            self.change_stiffness(body, kind, &process(self.of_elements.clone(), random));
+        }
+        self.change_mass(body, &process(self.of_nodes.clone(), random));
+    }
+
+    /// The body, changed by one deviation along each principal direction of its scatter: those that hardly scatter left out.
+    pub(super) fn along_each(&self, body: &Body) -> Vec<Body> {
+        let directions = |correlations: &DMatrix<f64>| -> Vec<Vec<f64>> {
+            let eigen = SymmetricEigen::new(correlations.clone());
+            let largest = eigen.eigenvalues.max();
+            let kept = (0..eigen.eigenvalues.len()).filter(|&at| eigen.eigenvalues[at] > HARDLY * largest);
+            kept.map(|at| (eigen.eigenvectors.column(at) * eigen.eigenvalues[at].sqrt()).iter().copied().collect())
+                .collect()
+        };
+        let (of_elements, of_nodes) = (directions(&self.of_elements), directions(&self.of_nodes));
+        let changed = |change: &dyn Fn(&mut Body)| {
+            let mut body = body.clone();
+            change(&mut body);
+            body
+        };
+        let stiffer = (0..self.kinds())
+            .flat_map(|kind| of_elements.iter().map(move |normals| (kind, normals)))
+            .map(|(kind, normals)| changed(&|body| self.change_stiffness(body, kind, normals)));
+        let heavier = of_nodes.iter().map(|normals| changed(&|body| self.change_mass(body, normals)));
+        stiffer.chain(heavier).collect()
+    }
+
+    fn change_stiffness(&self, body: &mut Body, kind: usize, normals: &[f64]) {
+        for (element, normal) in body.elements.iter_mut().zip(normals) {
+            let factor = 1.0 + self.stiffness * normal;
+            match kind {
+                _ if !self.is_apart => element.scale(factor),
+                0 | 1 => element.bending_n_m2[kind] *= factor,
+                2 | 3 => element.shear_compliance_per_n[kind - 2] /= factor,
+                _ => element.torsion_n_m2 *= factor,
+            }
+        }
+    }
+
+    fn change_mass(&self, body: &mut Body, normals: &[f64]) {
+        body.nodes.iter_mut().zip(normals).for_each(|(node, normal)| node.scale(1.0 + self.mass * normal));
     }
 }
 
@@ -90,7 +136,7 @@ mod tests {
             let (mut variance, mut at_length, mut beside) = (0.0, 0.0, 0.0);
             let draws = 4000;
             for _ in 0..draws {
-                let values = process(kernel, &[0.0, 7.0, 20.0, 40.0], &[0, 0, 1, 2], 20.0, &mut random);
+                let values = process(correlations(kernel, &[0.0, 7.0, 20.0, 40.0], &[0, 0, 1, 2], 20.0), &mut random);
                 variance += values[1] * values[1] / f64::from(draws);
                 at_length += values[0] * values[2] / f64::from(draws);
                 beside += values[0] * values[1] / f64::from(draws);
@@ -110,7 +156,7 @@ mod tests {
             let mut body = sound.clone();
             let mut random = ChaCha8Rng::seed_from_u64(2);
             let world = World { apart, scatter: 2.0, ..World::ASSUMED };
-            scatter(&mut body, [0.03, 0.01], structure.correlation_length_m(), &world, &mut random);
+            Scatter::of(&body, [0.03, 0.01], structure.correlation_length_m(), &world).draw(&mut body, &mut random);
             let (is, was) = (&body.elements[9], &sound.elements[9]);
             [
                 is.bending_n_m2[0] / was.bending_n_m2[0],

@@ -37,6 +37,8 @@ pub struct CaseRecord {
     pub(super) world: World,
     /// Largest relative shift of a frequency by what is hidden; `None` where it moves none.
     pub(super) shift: Option<f64>,
+    /// How far it stands out of scatter and measurement, in standard deviations, where that can be said.
+    pub(super) visibility: Option<f64>,
     pub(super) honesty: Honesty,
     /// Mean frequency error in percent: of the model as given, after adding what was named, and of scatter alone.
     pub(super) error_before: f64,
@@ -254,6 +256,9 @@ pub fn line(record: &CaseRecord) -> String {
         record.identify_s,
         record.diagnose_s,
     );
+    if let Some(visibility) = record.visibility {
+        text += &format!(" | stands out by {visibility:.1}");
+    }
     if let Some(found) = &record.found {
         text += &format!(" | auto {}", list(found));
     }

@@ -24,6 +24,7 @@ fn record(
         honesty: Honesty::default(),
         error_before: 5.0,
         error_after: None,
+        visibility: None,
         floor: 1.0,
         mac_before: 0.9,
         diagnosis: Some(Diagnosis {

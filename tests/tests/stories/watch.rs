@@ -11,6 +11,10 @@ use serde_json::{Value, json};
 
 use crate::said;
 
+fn read(file: &Path) -> Value {
+    serde_json::from_str(&fs::read_to_string(file).unwrap()).unwrap()
+}
+
 /// An hour of the template's tower, with its modes.
 fn measured(folder: &Path) -> String {
     let place = folder.join("tower").to_str().unwrap().to_owned();
@@ -23,8 +27,11 @@ fn measured(folder: &Path) -> String {
     place
 }
 
-/// What intervals of three hours would have shown of two modes for so many days of mild weather; from a day on both are lower by `loss`.
-fn days(count: usize, change: usize, loss: f64) -> String {
+/// A mode that intervals show: its number, its frequency in Hz, and how much lower that is after the change, as a share.
+type Mode = (usize, f64, f64);
+
+/// What intervals of three hours would have shown of modes for so many days of mild weather; from a day on they are lower.
+fn days(count: usize, change: usize, modes: &[Mode]) -> String {
     let mut state = 0x9e37_79b9_7f4a_7c15_u64;
     // The sum of twelve uniform numbers is nearly normal.
     let mut normal = || {
@@ -42,17 +49,22 @@ fn days(count: usize, change: usize, loss: f64) -> String {
         let day = step as f64 / 8.0;
         let turn = std::f64::consts::TAU;
         let degc = 15.0 + 4.0 * (turn * day / 11.0).sin() + 3.0 * (turn * day).sin() + 0.5 * normal();
-        let mode = |(number, hz): (usize, f64), noise: f64| {
+        let mode = |&(number, hz, loss): &Mode| {
             let lost = if day >= change as f64 { loss } else { 0.0 };
-            let frequency_hz = hz * (1.0 - 4e-4 * (degc - 15.0) - lost + 3e-4 * noise);
+            let frequency_hz = hz * (1.0 - 4e-4 * (degc - 15.0) - lost + 3e-4 * normal());
             json!({"number": number, "frequency_hz": frequency_hz, "frequency_std_hz": 3e-4 * hz, "response_rms": 1e-3})
         };
-        let modes = [mode((1, 0.105), normal()), mode((2, 0.155), normal())];
+        let modes: Vec<Value> = modes.iter().map(mode).collect();
         let (start_s, end_s) = (86_400.0 * day, 86_400.0 * (day + 0.125));
         writeln!(lines, "{}", json!({"start_s": start_s, "end_s": end_s, "temperature_degc": degc, "modes": modes}))
             .unwrap();
     }
     lines
+}
+
+/// Two modes of the tower that are lower by a share.
+fn two(loss: f64) -> [Mode; 2] {
+    [(1, 0.105, loss), (2, 0.155, loss)]
 }
 
 #[test]
@@ -72,12 +84,12 @@ fn a_change_is_told_once_with_its_date_and_size_and_weather_is_not() {
     // As if it had run for sixty days.
     fs::remove_file(results.join("watch.json")).unwrap();
     let watch = || said::json(&["watch", &study, "--once", "--every", "3h", "--direct"]);
-    fs::write(results.join("watch.jsonl"), days(60, 1000, 0.0)).unwrap();
+    fs::write(results.join("watch.jsonl"), days(60, 1000, &two(0.0))).unwrap();
     let sound = watch();
     assert_eq!((&sound["judgement"]["standing"], &sound["judgement"]["alarms"]), (&json!("unchanged"), &json!([])));
     assert!(!results.join("alarms.jsonl").exists());
     fs::remove_file(results.join("watch.json")).unwrap();
-    fs::write(results.join("watch.jsonl"), days(50, 45, 4e-3)).unwrap();
+    fs::write(results.join("watch.jsonl"), days(50, 45, &two(4e-3))).unwrap();
     let heard = folder.path().join("heard.json");
     let hook = format!("tee {}", heard.display());
     let told = belfry_command()
@@ -85,7 +97,7 @@ fn a_change_is_told_once_with_its_date_and_size_and_weather_is_not() {
         .assert()
         .success();
     told.stdout(contains("ALARM: ")).stdout(contains("Changed: 50 days judged"));
-    let event: Value = serde_json::from_str(&fs::read_to_string(&heard).unwrap()).unwrap();
+    let event = read(&heard);
     let alarm = &event["alarm"];
     assert_eq!((&event["event"], &alarm["state"]), (&json!("raised"), &json!("open")));
     let day = |value: &Value| value.as_f64().unwrap() / 86_400.0;
@@ -98,7 +110,7 @@ fn a_change_is_told_once_with_its_date_and_size_and_weather_is_not() {
     }
     assert!(fs::read_to_string(results.join("watch.svg")).unwrap().contains("mode 1: frequency"));
     // What was told is not told again, and a line that is damaged is named and costs no other.
-    let more = days(50, 45, 4e-3) + "{\"start_s\": 4\n";
+    let more = days(50, 45, &two(4e-3)) + "{\"start_s\": 4\n";
     fs::write(results.join("watch.jsonl"), more).unwrap();
     let again = watch();
     assert_eq!(again["events"], json!([]));
@@ -108,6 +120,43 @@ fn a_change_is_told_once_with_its_date_and_size_and_weather_is_not() {
         again["warnings"]
     );
     assert_eq!(fs::read_to_string(results.join("alarms.jsonl")).unwrap().lines().count(), 1);
+}
+
+/// A tower's foundation gives way by as much as lowers its first frequency by a hundredth; the days have all its modes, each lower by as much as
+/// simulated towers with and without are apart.
+#[test]
+fn an_alarm_says_what_has_come() {
+    let folder = tempfile::tempdir().unwrap();
+    let study = measured(folder.path());
+    let results = Path::new(&study).join("results");
+    let frequencies = |effect: &[&str]| -> Vec<f64> {
+        let place = folder.path().join(format!("truth{}", effect.len())).to_str().unwrap().to_owned();
+        belfry_command().args(["init", &place, "--template", "canton"]).assert().success();
+        let words = [&["simulate", &place, "--hours", "0.05", "--seed", "9"], effect].concat();
+        belfry_command().args(words).assert().success();
+        let truth = read(&Path::new(&place).join("truth.json"));
+        truth["modes"].as_array().unwrap().iter().map(|mode| mode["frequency_hz"].as_f64().unwrap()).collect()
+    };
+    let (sound, soft) = (frequencies(&[]), frequencies(&["--effect", "base-rotation=2e-15"]));
+    let modes = read(&results.join("modes.json"));
+    let modes = modes["modes"].as_array().unwrap().iter().map(|mode| {
+        let hz = mode["frequency_hz"].as_f64().unwrap();
+        let apart = |at: &usize| (sound[*at] / hz).ln().abs();
+        let at = (0..sound.len()).min_by(|a, b| apart(a).total_cmp(&apart(b))).unwrap();
+        (mode["number"].as_u64().unwrap() as usize, hz, 1.0 - soft[at] / sound[at])
+    });
+    let modes: Vec<Mode> = modes.collect();
+    assert!(modes.len() >= 10 && modes[0].2 > 5e-3, "{modes:?}");
+    fs::write(results.join("watch.jsonl"), days(50, 42, &modes)).unwrap();
+    let watched = said::json(&["watch", &study, "--once", "--every", "3h", "--direct"]);
+    let cause = &watched["events"][0]["cause"];
+    assert_eq!((&cause["verdict"], &cause["named"]), (&json!("effect"), &json!(["base-rotation"])), "{cause}");
+    assert_eq!((&cause["direction"], &watched["causes"][0]), (&json!("come"), cause));
+    let [value, std] = ["value", "std"].map(|key| cause["effects"][0]["parameters"][0][key].as_f64().unwrap());
+    assert!((value - 2e-15).abs() < 3.0 * std && std < 0.3e-15, "{value} +- {std}");
+    // Whoever asks again is told again.
+    let again = belfry_command().args(["watch", &study, "--once", "--every", "3h", "--direct"]).assert().success();
+    again.stdout(contains("(open): ")).stdout(contains("Most probably base-rotation has come ("));
 }
 
 #[test]
