@@ -96,10 +96,42 @@ def write_nastran():
         model.add_dmig(name, 6, kind, kind, 0, 6, columns, rows, [value for *_, value in entries])
     for size in (8, 16):
         model.write_bdf(str(FOLDER / f"pynastran_{size}.bdf"), size=size, is_double=size == 16, enddata=False)
+    places = BDF(debug=False)
+    for grid in grids:
+        places.add_grid(grid, [0.0, 0.0, 3000.0 * (grid - 10)])
+    for size in (8, 16):
+        places.write_bdf(str(FOLDER / f"pynastran_grids_{size}.bdf"), size=size, is_double=size == 16, enddata=False)
+
+
+def write_complex():
+    """The chain with structural damping, which no model of K and M has, and a gyroscopic one, which is not symmetric."""
+    import scipy.io
+    import scipy.sparse as sparse
+
+    damped = stiffness() * (1.0 + 0.02j)
+    gyroscopic = stiffness() + sparse.diags_array([[5e5] * 5, [-5e5] * 5], offsets=[-1, 1]).tocsc()
+    np.save(FOLDER / "numpy_complex.npy", damped.toarray())
+    np.save(FOLDER / "numpy_gyroscopic.npy", gyroscopic.toarray())
+    sparse.save_npz(FOLDER / "scipy_complex.npz", sparse.csr_matrix(damped))
+    sparse.save_npz(FOLDER / "scipy_gyroscopic.npz", sparse.csr_matrix(gyroscopic))
+    scipy.io.mmwrite(FOLDER / "scipy_complex.mtx", damped)
+    scipy.io.mmwrite(FOLDER / "scipy_gyroscopic.mtx", gyroscopic)
+    scipy.io.savemat(FOLDER / "scipy_matrices.mat", {"full": damped.toarray(), "few": damped, "gyroscopic": gyroscopic})
+    import hdf5storage
+
+    matrices = {"full": damped.toarray(), "gyroscopic": gyroscopic.toarray()}
+    hdf5storage.savemat(str(FOLDER / "hdf5storage_matrices.mat"), matrices, format="7.3", oned_as="column")
+    # MATLAB keeps complex numbers in compounds of `real` and `imag`, as hdf5storage does.
+    parts = np.zeros(damped.nnz, [("real", "f8"), ("imag", "f8")])
+    parts["real"], parts["imag"] = damped.data.real, damped.data.imag
+    with h5py.File(FOLDER / "hdf5storage_matrices.mat", "r+") as file:
+        group = file.create_group("few")
+        group.attrs["MATLAB_class"], group.attrs["MATLAB_sparse"] = np.bytes_("double"), np.uint64(6)
+        group["data"], group["ir"], group["jc"] = parts, damped.indices.astype("u8"), damped.indptr.astype("u8")
 
 
 def write_geometry():
-    """Where the grid points stand: datasets 164 (mm) and 2411."""
+    """Where the grid points stand: datasets 164 (mm) and 2411; and lines between them, dataset 82."""
     import pyuff
 
     path = FOLDER / "pyuff_nodes.unv"
@@ -112,6 +144,12 @@ def write_geometry():
         {"type": 2411, "node_nums": numbers, "def_cs": ones, "disp_cs": ones, "color": ones, "x": zeros, "y": zeros, "z": 3000.0 * (numbers - 10)},
         "add",
     )
+    path = FOLDER / "pyuff_lines.unv"
+    path.unlink(missing_ok=True)
+    file = pyuff.UFF(str(path))
+    for number, nodes in enumerate([[11, 12, 13, 14, 15, 16], [11, 13, 0, 14, 16]], 1):
+        line = {"type": 82, "trace_num": number, "n_nodes": len(nodes), "color": 1, "id": f"line {number}", "nodes": np.array(nodes)}
+        file.write_sets(line, "add")
 
 
 def write_wav():
@@ -236,6 +274,7 @@ def write_tdms():
 
 np.save(FOLDER / "same.npy", RECORD)
 write_hdf5()
+write_complex()
 write_nastran()
 write_geometry()
 write_wav()

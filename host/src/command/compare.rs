@@ -182,6 +182,12 @@ fn tell_where(comparison: &Comparison, console: &Console) {
     }
     let groups = comparison.by_group.iter().map(|of| (of.group.clone(), of.misfit));
     tell_places("by group:", &groups.collect::<Vec<_>>(), bar, console);
+    if !comparison.groups_without_sensors.is_empty() && !console.is_brief() {
+        console.say(format!(
+            "  no sensor at group {}; `channels` in a [[model.group]] says which sensors stand at it",
+            comparison.groups_without_sensors.join(", ")
+        ));
+    }
     let heights = comparison.by_height.iter().rev().map(|of| (format!("{:9.2} m", of.elevation_m), of.misfit));
     tell_places("by height:", &heights.collect::<Vec<_>>(), bar, console);
 }

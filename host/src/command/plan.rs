@@ -109,6 +109,7 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     };
     let plan = console.with_progress(|on_progress| project.plan(&request, on_progress))?;
     let study = project.study();
+    console.warn_all(&plan.warnings);
     if study.setups.len() > 1 {
         console.warn("the sensors of all setups are taken to record together");
     }

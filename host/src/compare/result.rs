@@ -32,6 +32,8 @@ pub struct Comparison {
     pub by_height: Vec<HeightMisfit>,
     /// Of a structure that is no tower, instead: misfit of each group with sensors at its nodes.
     pub by_group: Vec<GroupMisfit>,
+    /// Groups of such a structure at which no sensor stands, so that no misfit is known of them.
+    pub groups_without_sensors: Vec<String>,
     /// Modes without a partner.
     pub unpaired: Vec<Unpaired>,
     /// What the reader should know.
@@ -139,6 +141,7 @@ pub(super) fn comparison(
         by_sensor: by_sensor.collect(),
         by_height: by_height(sensors, &misfits),
         by_group: Vec::new(),
+        groups_without_sensors: Vec::new(),
         unpaired: unpaired(view, measured, pairs),
         warnings: warnings(measured, &reports, chi_squared.is_some()),
         pairs: reports,

@@ -21,6 +21,10 @@ use super::sensitivity::Change;
 /// longest: so many tonnes.
 const TONNES_PER_M3: [f64; 2] = [0.02, 0.7];
 const SLENDER: f64 = 20.0;
+/// The width of a section in radii of gyration about its axis: 2 for a ring, 2.4 for a full square.
+const WIDTH_OVER_RADIUS: f64 = 2.4;
+/// No beam is wider than so many times its height.
+const MOST_SQUAT: f64 = 10.0;
 
 /// A mass on the diagonal of M.
 #[derive(Debug, Clone, PartialEq)]
@@ -145,14 +149,34 @@ impl Assembly {
     /// Why masses look as if they were in tonnes: what all weigh, and the space that the nodes enclose, in m³. `None` where they look right, or
     /// nothing is known of where nodes stand.
     pub fn looks_like_tonnes(&self) -> Option<[f64; 2]> {
-        let masses = self.masses_in_space()?;
-        let least_m = self.size_m() / SLENDER;
-        let sides_m = sides_m(masses.iter().flatten().filter_map(|mass| mass.place_m));
-        let volume_m3: f64 = sides_m.map(|side_m| side_m.max(least_m)).iter().product();
-        let of_direction = |masses: &Vec<MassAtRow>| masses.iter().map(|mass| mass.mass_kg).sum::<f64>();
-        let mass = masses.iter().map(of_direction).fold(0.0, f64::max);
+        let [mass, volume_m3] = match self.masses_in_space() {
+            Some(masses) => {
+                let least_m = self.size_m() / SLENDER;
+                let sides_m = sides_m(masses.iter().flatten().filter_map(|mass| mass.place_m));
+                let of_direction = |masses: &Vec<MassAtRow>| masses.iter().map(|mass| mass.mass_kg).sum::<f64>();
+                let mass = masses.iter().map(of_direction).fold(0.0, f64::max);
+                [mass, sides_m.map(|side_m| side_m.max(least_m)).iter().product()]
+            }
+            None => self.mass_and_volume_of_beam(),
+        };
         (volume_m3 > 0.0 && (TONNES_PER_M3[0]..TONNES_PER_M3[1]).contains(&(mass / volume_m3)))
             .then_some([mass, volume_m3])
+    }
+
+    /// What a beam weighs, and the space that it fills: its width follows from how its mass turns about its axis, and is a twentieth of
+    /// its height where it has no such inertia.
+    fn mass_and_volume_of_beam(&self) -> [f64; 2] {
+        let of_dof =
+            |dof: usize| -> f64 { (dof..self.dofs()).step_by(DOFS_A_NODE).map(|row| self.mass[(row, row)]).sum() };
+        let [mass, turning, height_m] = [of_dof(0), of_dof(DOFS_A_NODE - 1), self.size_m()];
+        let width_m = WIDTH_OVER_RADIUS * (turning / mass).sqrt();
+        let width_m = match width_m {
+            width_m if width_m.is_nan() || width_m <= 0.0 => height_m / SLENDER,
+            // Nothing is wider than high by so much: inertias are in t mm².
+            width_m if width_m > MOST_SQUAT * height_m => 1e-3 * width_m,
+            width_m => width_m,
+        };
+        [mass, height_m * width_m * width_m]
     }
 
     /// The same with sensors that are as the study says: faults of sensors are none of the model.

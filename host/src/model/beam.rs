@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use thiserror::Error;
 
 use super::DOFS_A_NODE;
+use super::layout::LONGEST_M;
 use crate::record::quoted;
 
 /// One beam segment with the masses lumped at its top node.
@@ -163,6 +164,14 @@ pub enum BeamError {
         /// The table.
         file: PathBuf,
     },
+    /// Higher than any structure.
+    #[error("{file}: the beam is {height_m:.0} m high; are its heights in mm? Columns that end in _m are in metres", file = .file.display())]
+    TooHigh {
+        /// The table.
+        file: PathBuf,
+        /// From its base to its top.
+        height_m: f64,
+    },
 }
 
 const HEADER: &str = "expected z_bottom_m,z_top_m,bending_1_n_m2,bending_2_n_m2,axis_deg,shear_n (or \
@@ -223,7 +232,12 @@ impl BeamTable {
         if segments.is_empty() {
             return Err(BeamError::Empty { file: name.to_owned() });
         }
-        Ok(Self { segments })
+        let table = Self { segments };
+        let height_m = table.z_top_m() - table.z_base_m();
+        if height_m > LONGEST_M {
+            return Err(BeamError::TooHigh { file: name.to_owned(), height_m });
+        }
+        Ok(table)
     }
 
     /// The segments, base first; never empty.

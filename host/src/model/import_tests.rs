@@ -204,7 +204,8 @@ fn numpy_matrices_are_read_in_each_order_and_type_and_damaged_ones_refused_at_on
         (&header("<f8", "(4,)"), 32, "an array of shape [4]; a matrix has two dimensions"),
         (&header("<f8", "(1, 1000000000000)"), 32, "1 x 1000000000000"),
         (&header("<f8", "(1000000000000, 1000000000000)"), 32, "too large"),
-        (&header("<c16", "(2, 2)"), 64, "type `<c16`"),
+        (&header("<c16", "(2, 2)"), 64, "entries are complex"),
+        (&header("|b1", "(2, 2)"), 4, "type `|b1`"),
         (&header("<f8", "(0, 0)"), 0, "0 x 0"),
     ] {
         let message = read(header, &vec![0; numbers]).unwrap_err();
@@ -412,5 +413,59 @@ fn sparse_matrices_are_read_from_every_programs_files() {
     ] {
         let refused = ImportedMatrices::read(&files(file, file, None), folder.path()).unwrap_err().to_string();
         assert!(refused.contains(file) && refused.contains(expected), "{file}: {refused}");
+    }
+}
+
+/// Of SciPy, NumPy and hdf5storage: a chain of springs with structural damping, and one with gyroscopic terms. Neither is a model of K and M, and
+/// each format is refused in the same words.
+#[test]
+fn complex_and_unsymmetric_matrices_of_other_programs_are_told_alike() {
+    let data = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/tests-data"));
+    let refused = |file: Option<&str>, name: &str| {
+        let source = MatrixSource { file: file.map(Into::into), ..files(name, name, None) };
+        ImportedMatrices::read(&source, data).unwrap_err().to_string()
+    };
+    let (scipy, matlab73) = (Some("scipy_matrices.mat"), Some("hdf5storage_matrices.mat"));
+    let complex = "entries are complex; K and M are real: export them without structural damping and gyroscopic terms";
+    for (file, name) in [
+        (None, "numpy_complex.npy"),
+        (None, "scipy_complex.npz"),
+        (None, "scipy_complex.mtx"),
+        (scipy, "full"),
+        (scipy, "few"),
+        (matlab73, "full"),
+        (matlab73, "few"),
+    ] {
+        let message = refused(file, name);
+        assert!(message.contains(complex) && message.contains(file.unwrap_or(name)), "{name}: {message}");
+    }
+    let unsymmetric = "row 1, column 2 (counted from 1) holds -1.5e6, its mirror -5e5; stiffness and mass matrices are symmetric (gyroscopic terms";
+    for (file, name) in [
+        (None, "numpy_gyroscopic.npy"),
+        (None, "scipy_gyroscopic.npz"),
+        (None, "scipy_gyroscopic.mtx"),
+        (scipy, "gyroscopic"),
+        (matlab73, "gyroscopic"),
+    ] {
+        let message = refused(file, name);
+        assert!(message.contains(unsymmetric) && message.contains(file.unwrap_or(name)), "{name}: {message}");
+    }
+}
+
+/// Tables and matrices whose masses are in tonnes are asked about their units, others are not.
+#[test]
+fn masses_in_tonnes_are_noticed_of_beams_as_well() {
+    let in_units = |mass: f64, turning: f64| {
+        let mut beam = Uniform { rotary_inertia: 800.0, ..Uniform::default() }.table();
+        for segment in beam.segments_mut() {
+            segment.mass_top_kg *= mass;
+            segment.inertia_kg_m2 = segment.inertia_kg_m2.map(|inertia| inertia * turning);
+        }
+        Structure::new(beam).assemble()
+    };
+    assert_eq!(in_units(1.0, 1.0).looks_like_tonnes(), None);
+    // t and t m², t and t mm², and a beam that only sways.
+    for turning in [1e-3, 1e3, 0.0] {
+        assert!(in_units(1e-3, turning).looks_like_tonnes().is_some(), "{turning}");
     }
 }

@@ -69,9 +69,9 @@ pub enum LayoutError {
         /// What the system said.
         source: std::io::Error,
     },
-    /// A universal file that does not place the rows.
+    /// A universal file, or one of Nastran, that does not place the rows.
     #[error("{}: {reason}", file.display())]
-    Universal {
+    Numbered {
         /// The file.
         file: PathBuf,
         /// Why.
@@ -188,7 +188,7 @@ pub(super) fn read_nodes(path: &Path, dofs: usize) -> Result<Vec<LayoutNode>, La
 }
 
 /// No structure is longer: its places are in mm.
-const LONGEST_M: f64 = 10_000.0;
+pub(super) const LONGEST_M: f64 = 10_000.0;
 
 fn check_size(path: &Path, nodes: &[LayoutNode]) -> Result<(), LayoutError> {
     let size_m = longest_side_m(nodes);

@@ -13,8 +13,8 @@ use thiserror::Error;
 use super::layout::{LayoutError, LayoutNode, is_line, is_list_of_rows, read_dofs, read_nodes, read_row_names};
 use super::matrix_files;
 use super::node_files::KnownRows;
+use super::numbered_nodes::read_numbered_nodes;
 use super::size::{self, TooManyUnknowns};
-use super::universal_nodes::{is_universal, read_universal_nodes};
 use crate::record::{MatError, RecordError};
 use crate::study::{LayoutFile, MatrixSource, MatrixTerm};
 
@@ -180,8 +180,8 @@ impl WholeMatrices {
         }
         let (rows, mut nodes, mut places) = (stiffness.nrows(), Vec::new(), known.places);
         match &source.layout {
-            Some(LayoutFile::Nodes(path)) if is_universal(path) => {
-                nodes = read_universal_nodes(&folder.join(path), &places)?;
+            Some(LayoutFile::Numbered { file, factor }) => {
+                nodes = read_numbered_nodes(&folder.join(file), *factor, &places)?;
             }
             Some(LayoutFile::Nodes(path)) => nodes = read_nodes(&folder.join(path), rows)?,
             Some(LayoutFile::Dofs(path)) if is_list_of_rows(path) => {

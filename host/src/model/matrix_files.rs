@@ -8,15 +8,19 @@ use nalgebra_sparse::io::load_coo_from_matrix_market_str;
 use nalgebra_sparse::{CooMatrix, CscMatrix};
 use zip::ZipArchive;
 
+use super::bulk_data::is_nastran;
 use super::matrices::MatrixError;
 use super::node_files::{self, KnownRows};
 use super::size;
 use crate::numbers::fortran;
 use crate::record::mat::{Class, read_matrix, read_sparse_matrix, variables};
-use crate::record::{NpyArray, read_row};
+use crate::record::{NpyArray, RecordError, RowError, read_row};
 
 /// How a Matrix Market file starts, in letters of either case.
 const HEADER: &str = "%%MatrixMarket";
+/// What a file of complex entries is refused with, whatever its format.
+pub(super) const COMPLEX: &str = "entries are complex; K and M are real: export them without structural damping and gyroscopic terms, and give damping by the modes. \
+    Where the imaginary parts are zero, save the real parts alone";
 /// More rows than this no model has.
 pub(super) const MOST_ROWS: usize = 200_000;
 
@@ -54,7 +58,10 @@ pub(super) fn read(
         (Some("sti" | "mas"), _) => triplets(&text()?, known.least).map_err(unreadable)?,
         (Some("npz"), _) => scipy(&path).map_err(unreadable)?,
         (Some("npy"), _) => {
-            let array = NpyArray::open(&path)?;
+            let array = NpyArray::open(&path).map_err(|error| match error {
+                RecordError::ComplexNumbers { .. } => unreadable(COMPLEX.to_owned()),
+                error => error.into(),
+            })?;
             let &[rows, columns] = array.shape() else {
                 let shape = array.shape();
                 return Err(unreadable(format!("an array of shape {shape:?}; a matrix has two dimensions")));
@@ -85,12 +92,6 @@ pub(super) fn words(line: &str) -> Vec<&str> {
     line.split(|c: char| c.is_whitespace() || c == ',').filter(|word| !word.is_empty()).collect()
 }
 
-/// Whether a file is one of Nastran, punched or of bulk data, by its ending.
-fn is_nastran(file: &Path) -> bool {
-    let ending = file.extension().and_then(|ending| ending.to_str()).unwrap_or_default();
-    ["pch", "bdf", "nas", "dat", "blk", "dmig"].iter().any(|known| ending.eq_ignore_ascii_case(known))
-}
-
 /// A length that no memory has, where it is too long for one.
 fn in_memory(length: u64) -> usize {
     usize::try_from(length).unwrap_or(usize::MAX)
@@ -99,7 +100,10 @@ fn in_memory(length: u64) -> usize {
 fn of_matlab(file: &Path, name: &str, quantity: &'static str) -> Result<CscMatrix<f64>, MatrixError> {
     let known = variables(file)?.into_iter().find(|variable| variable.name == name);
     let is_sparse = known.as_ref().is_some_and(|variable| variable.class == Class::Sparse);
-    let dimensions = known.map(|variable| variable.dimensions).unwrap_or_default();
+    let dimensions = known.as_ref().map(|variable| variable.dimensions.clone()).unwrap_or_default();
+    if known.is_some_and(|variable| variable.complex) {
+        return Err(MatrixError::Unreadable { file: file.to_owned(), reason: format!("`{name}`: {COMPLEX}") });
+    }
     let rows = dimensions.first().copied().map_or(0, in_memory);
     let columns = dimensions.get(1).copied().map_or(rows, in_memory);
     if is_sparse && rows.max(columns) <= MOST_ROWS {
@@ -123,10 +127,7 @@ fn check_size(rows: usize, columns: usize, file: &Path, name: &str, quantity: &'
 fn matrix_market(text: &str) -> Result<CscMatrix<f64>, String> {
     let header = text.lines().next().unwrap_or_default().to_ascii_lowercase();
     if header.split_whitespace().any(|word| word == "complex" || word == "hermitian") {
-        return Err(
-            "entries are complex; K and M are real (structural damping makes K complex: export it without, and give damping by the modes)"
-                .to_owned(),
-        );
+        return Err(COMPLEX.to_owned());
     }
     check_sizes(text)?;
     let entries = load_coo_from_matrix_market_str::<f64>(text)
@@ -256,5 +257,8 @@ fn numbers(archive: &mut ZipArchive<BufReader<File>>, name: &str) -> Result<Opti
     size::fit_numbers(in_memory(most).saturating_mul(9)).map_err(|[needed, free]| {
         damaged(format!("it takes about {needed:.1} GB of memory, and {free:.1} GB are free"))
     })?;
-    read_row(member, most).map(Some).map_err(damaged)
+    read_row(member, most).map(Some).map_err(|error| match error {
+        RowError::Complex(_) => COMPLEX.to_owned(),
+        error @ RowError::Unusable(_) => damaged(error.to_string()),
+    })
 }

@@ -13,6 +13,7 @@ mod arms;
 mod assembly;
 mod base;
 mod beam;
+mod bulk_data;
 mod contribution;
 mod custom;
 mod damped;
@@ -21,6 +22,7 @@ pub mod effect;
 mod eigen;
 mod element;
 mod geometry;
+mod grid_points;
 #[cfg(test)]
 mod import_tests;
 mod joint;
@@ -32,6 +34,7 @@ mod matrix_files;
 mod node_files;
 #[cfg(test)]
 mod node_files_tests;
+mod numbered_nodes;
 mod reduction;
 #[cfg(test)]
 mod reduction_tests;
@@ -62,6 +65,7 @@ pub use layout::{LayoutError, LayoutNode, dof_of_row, dofs_csv, node_and_directi
 pub(crate) use layout::{is_list_of_rows, sides_m};
 pub use load::{Freedoms, LoadedModel, ModelError, load, load_up_to, read_beam, section};
 pub use matrices::{ImportedMatrices, MatrixError, WholeMatrices, matrix_market, npy, sparse_matrix_market};
+pub(crate) use numbered_nodes::{is_numbered, read_numbered_positions};
 pub use response::Responses;
 pub(crate) use sensing::row_of;
 pub use sensing::{Sensing, SensorChange, phases_rad};
@@ -69,7 +73,6 @@ pub use sensitivity::{Change, ModeDerivative, frequency_derivatives};
 pub use sensor::{BesideNode, SensorError};
 pub use size::{TooManyUnknowns, fits_in_full};
 pub use structure::{Body, SegmentChange, Structure};
-pub(crate) use universal_nodes::{is_universal, read_universal_positions};
 pub use wireframe::{Wireframe, WireframeError};
 
 /// Degrees of freedom of a node: `ux`, `uy`, `rx`, `ry`, `rz`.

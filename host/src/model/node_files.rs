@@ -8,8 +8,9 @@ use std::sync::Arc;
 
 use nalgebra_sparse::{CooMatrix, CscMatrix};
 
+use super::bulk_data::{cards, real};
 use super::layout::ROW_DIRECTIONS;
-use super::matrix_files::{MOST_ROWS, words};
+use super::matrix_files::{COMPLEX, MOST_ROWS, words};
 
 /// A node and its degree of freedom from 1; 0 of a scalar point. Abaqus' own nodes count below zero.
 type Row = (i64, u8);
@@ -118,24 +119,6 @@ pub(super) fn abaqus(text: &str) -> Result<NodeMatrix, String> {
     Ok(matrix.mirrored())
 }
 
-/// A number as Nastran and Fortran write it: `1.5D+3`, `1.5+3`.
-fn real(word: &str) -> Option<f64> {
-    let mut word = word.trim().replace(['d', 'D'], "e");
-    let is_bare = |(at, c): (usize, char)| at > 0 && matches!(c, '+' | '-');
-    if !word.contains(['e', 'E'])
-        && let Some((at, _)) = word.char_indices().find(|place| is_bare(*place))
-    {
-        word.insert(at, 'e');
-    }
-    word.parse().ok()
-}
-
-/// A card of bulk data: the line that it starts on, and its fields behind `DMIG`.
-struct Card<'a> {
-    line: usize,
-    fields: Vec<&'a str>,
-}
-
 /// The matrix called `wanted` of a file of bulk data, or of a punched one.
 ///
 /// # Errors
@@ -143,8 +126,8 @@ struct Card<'a> {
 pub(super) fn dmig(text: &str, wanted: &str) -> Result<NodeMatrix, String> {
     let mut matrix = NodeMatrix::default();
     let (mut form, mut others): (Option<i64>, Vec<String>) = (None, Vec::new());
-    for Card { line, fields } in cards(text) {
-        let field = |at: usize| fields.get(at).copied().unwrap_or_default();
+    for card in cards(text, "DMIG") {
+        let (line, field) = (card.line, |at: usize| card.field(at));
         let wrong = |what: &str, expected: &str| {
             Err(format!("line {line}: DMIG {}: `{what}` where {expected} was expected", field(0)))
         };
@@ -159,6 +142,9 @@ pub(super) fn dmig(text: &str, wanted: &str) -> Result<NodeMatrix, String> {
             form = whole(2);
             if !matches!(form, Some(1 | 6)) {
                 return wrong(field(2), "the form of a square (1) or a symmetric (6) matrix");
+            }
+            if matches!(whole(3), Some(3 | 4)) {
+                return Err(format!("line {line}: DMIG {}: {COMPLEX}", field(0)));
             }
             if !matches!(whole(3), Some(1 | 2)) {
                 return wrong(field(3), "the type of real numbers (1 or 2)");
@@ -175,7 +161,7 @@ pub(super) fn dmig(text: &str, wanted: &str) -> Result<NodeMatrix, String> {
         let Some(column) = place(field(1), field(2)) else {
             return wrong(&format!("{} {}", field(1), field(2)), "a node and its degree of freedom");
         };
-        for entry in fields.get(4..).unwrap_or_default().chunks(4) {
+        for entry in card.fields.get(4..).unwrap_or_default().chunks(4) {
             let [node, dof, value] = [0, 1, 2].map(|at| entry.get(at).copied().unwrap_or_default());
             if node.is_empty() {
                 continue;
@@ -193,45 +179,4 @@ pub(super) fn dmig(text: &str, wanted: &str) -> Result<NodeMatrix, String> {
         (Some(6), _) => Ok(matrix.mirrored()),
         _ => Ok(matrix),
     }
-}
-
-/// The DMIG cards, with what continues them.
-fn cards(text: &str) -> Vec<Card<'_>> {
-    let mut cards: Vec<Card<'_>> = Vec::new();
-    let mut in_card = false;
-    for (index, line) in text.lines().enumerate() {
-        let line = line.split('$').next().unwrap_or_default().trim_end();
-        if line.is_empty() {
-            continue;
-        }
-        let first = line.split(',').next().unwrap_or_default();
-        let first = if line.contains(',') { first } else { first.get(..8).unwrap_or(first) }.trim();
-        let keyword = first.trim_end_matches('*');
-        let continues = first.is_empty() || first.starts_with(['+', '*']);
-        if keyword.eq_ignore_ascii_case("DMIG") {
-            cards.push(Card { line: index + 1, fields: Vec::new() });
-            in_card = true;
-        } else if !continues {
-            in_card = false;
-        }
-        if let (true, Some(card)) = (in_card, cards.last_mut()) {
-            card.fields.extend(fields(line, first.starts_with('*') || first.ends_with('*')));
-        }
-    }
-    cards
-}
-
-/// The fields of a line behind its first: eight, or four wide ones, and not the mark of what continues it.
-fn fields(line: &str, is_wide: bool) -> impl Iterator<Item = &str> {
-    let (count, width) = if is_wide { (4, 16) } else { (8, 8) };
-    let by_commas = line.contains(',');
-    let mut words = line.split(',').skip(1);
-    (0..count).map(move |at| {
-        if by_commas {
-            return words.next().unwrap_or_default().trim();
-        }
-        let from = 8 + at * width;
-        let to = (from + width).min(line.len());
-        line.get(from.min(to)..to).unwrap_or_default().trim()
-    })
 }

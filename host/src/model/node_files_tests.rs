@@ -43,7 +43,7 @@ fn dmig_in_single_and_double_fields_is_the_chain_that_pynastran_wrote() {
 
 #[test]
 fn nodes_of_a_universal_file_place_the_rows() {
-    let nodes = Some(LayoutFile::Nodes("pyuff_nodes.unv".into()));
+    let nodes = Some(LayoutFile::Numbered { file: "pyuff_nodes.unv".into(), factor: 1.0 });
     let read = WholeMatrices::read(&source(Some("pynastran_8.bdf"), ["KAAX", "MAAX"], nodes), data()).unwrap();
     let heights: Vec<f64> = read.nodes.iter().map(|node| node.position_m[2]).collect();
     assert_eq!(heights, [3.0, 6.0, 9.0, 12.0, 15.0, 18.0]);
@@ -81,6 +81,7 @@ fn lines_of_abaqus_keep_to_the_rows_of_the_stiffness_matrix() {
         least: None,
         greatest: None,
         tied_to: None,
+        channels: Vec::new(),
         group: Some(GroupTerms { std: 0.1, span_m: None }),
     };
     let change = Custom::read_whole(&group, folder.path(), &known).unwrap().in_full();
@@ -124,7 +125,8 @@ fn what_is_no_matrix_is_told_with_its_line() {
         ("GRID,1\n", "no DMIG cards"),
         ("DMIG    M       0       6       1       0\n", "no DMIG matrix `K`: it has M"),
         ("DMIG    K       0       2       1       0\n", "line 1: DMIG K: `2`"),
-        ("DMIG    K       0       6       3       0\n", "`3` where the type of real numbers"),
+        ("DMIG    K       0       6       3       0\n", "line 1: DMIG K: entries are complex"),
+        ("DMIG    K       0       6       5       0\n", "`5` where the type of real numbers"),
         ("DMIG    K       4       1               4       1       2.\n", "line 1: DMIG K: `4` where its first card"),
         (head, "has no entries"),
     ] {

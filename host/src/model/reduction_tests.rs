@@ -58,6 +58,7 @@ fn group(name: &str, matrix: &DMatrix<f64>, of_mass: bool, folder: &Path) -> Cus
         greatest: None,
         typical: None,
         tied_to: None,
+        channels: Vec::new(),
         group: Some(GroupTerms { std: 0.1, span_m: None }),
     };
     Custom::read(&source, folder).unwrap()

@@ -1,72 +1,17 @@
-//! Nodes of a universal file, datasets 2411 and 15: places of the rows that matrices name by node and degree of freedom.
+//! Nodes and trace lines of a universal file: datasets 2411 and 15 flow in as places by number, dataset 82 as pairs of nodes that a line joins.
 //!
 //! A dataset 164 gives the units of what follows it: lengths are divided by its factor to be metres. Without one they are metres.
 
 use std::collections::HashMap;
-use std::path::Path;
 
-use super::layout::{LayoutError, LayoutNode, node_and_direction};
 use super::matrix_files::MOST_ROWS;
 use crate::numbers::fortran;
 
-/// The place of each direction of [`ROW_DIRECTIONS`](super::layout::ROW_DIRECTIONS) in [`LayoutNode::rows`].
-const AMONG_ROWS: [usize; 6] = [0, 1, 5, 2, 3, 4];
-
-/// The nodes that have rows, lowest first, in m.
-///
-/// # Errors
-/// [`LayoutError`] names the file, and the line or the node.
-pub(super) fn read_universal_nodes(path: &Path, places: &[String]) -> Result<Vec<LayoutNode>, LayoutError> {
-    let unusable = |reason: String| LayoutError::Universal { file: path.to_owned(), reason };
-    if places.is_empty() {
-        let reason = "it places nodes, and the rows of these matrices do not name theirs; export matrices by node and \
-            degree of freedom, or bring a table under the key `dofs`";
-        return Err(unusable(reason.to_owned()));
-    }
-    let positions = read_universal_positions(path)?;
-    let mut nodes: Vec<LayoutNode> = Vec::new();
-    let mut known: HashMap<&str, usize> = HashMap::new();
-    for (row, place) in places.iter().enumerate() {
-        let Some((name, direction)) = node_and_direction(place) else { continue };
-        let Some(dof) = AMONG_ROWS.get(direction) else { continue };
-        let index = match known.get(name) {
-            Some(index) => *index,
-            None => {
-                // Nodes below zero are the program's own, and stand nowhere.
-                let Some(position) = name.parse::<i64>().ok().filter(|node| *node > 0) else { continue };
-                let Some(position_m) = positions.get(&position).copied() else {
-                    return Err(unusable(format!("node {name} is not among its {} nodes", positions.len())));
-                };
-                nodes.push(LayoutNode { name: name.to_owned(), position_m, rows: [None; 6], fixed: [false; 6] });
-                known.insert(name, nodes.len() - 1);
-                nodes.len() - 1
-            }
-        };
-        if let Some(slot) = nodes.get_mut(index).and_then(|node| node.rows.get_mut(*dof)) {
-            *slot = Some(row);
-        }
-    }
-    nodes.sort_by(|a, b| a.position_m[2].total_cmp(&b.position_m[2]));
-    Ok(nodes)
-}
-
-/// Whether a layout is in a universal file, by its ending.
-pub(crate) fn is_universal(path: &Path) -> bool {
-    path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("unv") || ending.eq_ignore_ascii_case("uff"))
-}
-
-/// Where each node of a file stands, in m.
-///
-/// # Errors
-/// [`LayoutError`] names the file, and the line.
-pub(crate) fn read_universal_positions(path: &Path) -> Result<HashMap<i64, [f64; 3]>, LayoutError> {
-    let text = std::fs::read(path).map_err(|source| LayoutError::RowNames { file: path.to_owned(), source })?;
-    let unusable = |reason: String| LayoutError::Universal { file: path.to_owned(), reason };
-    positions(&String::from_utf8_lossy(&text)).map_err(unusable)
-}
-
 /// Where each node stands, in m.
-fn positions(text: &str) -> Result<HashMap<i64, [f64; 3]>, String> {
+///
+/// # Errors
+/// A sentence that names the line.
+pub(super) fn positions(text: &str) -> Result<HashMap<i64, [f64; 3]>, String> {
     let mut positions = HashMap::new();
     let mut metres = 1.0;
     let mut lines = text.lines().enumerate();
@@ -122,44 +67,37 @@ fn positions(text: &str) -> Result<HashMap<i64, [f64; 3]>, String> {
     Ok(positions)
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// Datasets 2411 and 15 as the formats' descriptions lay them out, in mm.
-    const NODES: &str = "    -1\n   164\n         1SI: mm (newton)               2\n  1.00000000000000000D+03  1.00000000000000000D+00  1.00000000000000000D+00\n  2.73149999999999977D+02\n    -1\n    -1\n  2411\n         7         1         1        11\n   1.0000000000000000D+03   0.0000000000000000D+00   2.5000000000000000D+03\n    -1\n    -1\n    15\n         3         0         0         1  0.00000E+00  5.00000E+02  1.00000E+03\n    -1\n";
-
-    fn read(text: &str, places: &[&str]) -> Result<Vec<LayoutNode>, String> {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("nodes.unv");
-        std::fs::write(&path, text).unwrap();
-        let places: Vec<String> = places.iter().map(|place| (*place).to_owned()).collect();
-        read_universal_nodes(&path, &places).map_err(|error| error.to_string())
-    }
-
-    #[test]
-    fn nodes_stand_where_both_datasets_say_in_metres() {
-        let nodes = read(NODES, &["3x", "3rz", "7x", "7z", "-1x", "9"]).unwrap();
-        assert_eq!(nodes[0].name, "3");
-        assert_eq!((nodes[0].position_m, nodes[1].position_m), ([0.0, 0.5, 1.0], [1.0, 0.0, 2.5]));
-        assert_eq!(nodes[0].rows, [Some(0), None, None, None, Some(1), None]);
-        assert_eq!(nodes[1].rows, [Some(2), None, None, None, None, Some(3)]);
-    }
-
-    #[test]
-    fn what_is_wrong_is_named() {
-        for (text, places, expected) in [
-            (NODES, &["8x"][..], "node 8 is not among its 2 nodes"),
-            (NODES, &[], "do not name theirs"),
-            ("    -1\n    58\n    -1\n", &["3x"], "no nodes in it"),
-            ("    -1\n  2411\n   seven\n    -1\n", &["3x"], "line 3: `seven`"),
-            ("    -1\n    15\n  3 0 0 1 0.0 zero 1.0\n    -1\n", &["3x"], "line 3"),
-        ] {
-            let error = read(text, places).unwrap_err();
-            assert!(error.contains("nodes.unv") && error.contains(expected), "{error}");
+/// What trace lines join, pair by pair, each with its line in the file.
+///
+/// # Errors
+/// A sentence that names the line.
+pub(super) fn trace_lines(text: &str) -> Result<Vec<(usize, [i64; 2])>, String> {
+    let mut pairs = Vec::new();
+    let mut lines = text.lines().enumerate();
+    let is_mark = |line: &str| line.trim() == "-1";
+    while let Some((_, line)) = lines.next() {
+        if !is_mark(line) {
+            continue;
         }
-        for length in 0..NODES.len() {
-            let _ = read(&NODES[..length], &["3x", "7x"]);
+        let Some((_, number)) = lines.next() else { break };
+        let is_of_lines = number.trim() == "82";
+        let mut before = 0;
+        for (at, (index, line)) in lines.by_ref().take_while(|(_, line)| !is_mark(line)).enumerate() {
+            // Number of the line, its nodes and its colour; a name; then the nodes, with 0 where the pen is lifted.
+            if !is_of_lines || at < 2 {
+                continue;
+            }
+            for word in line.split_whitespace() {
+                let node = word.parse::<i64>().ok().filter(|node| *node >= 0);
+                let node = node.ok_or_else(|| {
+                    format!("line {}: `{word}` where the number of a node, or 0 for a gap, was expected", index + 1)
+                })?;
+                if before > 0 && node > 0 && node != before {
+                    pairs.push((index + 1, [before, node]));
+                }
+                before = node;
+            }
         }
     }
+    if pairs.is_empty() { Err("no lines in it: export trace lines, dataset 82".to_owned()) } else { Ok(pairs) }
 }

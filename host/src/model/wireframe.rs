@@ -10,6 +10,7 @@ use thiserror::Error;
 use super::assembly::Assembly;
 use super::geometry::Geometry;
 use super::layout::{LayoutError, LayoutNode};
+use super::numbered_nodes::{is_universal, read_trace_lines};
 use crate::modes::node_and_direction;
 use crate::study::{Model, Places};
 use crate::table::{Table, TableError};
@@ -51,6 +52,18 @@ pub enum WireframeError {
         /// `lines` or `surfaces`.
         key: &'static str,
     },
+    /// A trace line to a node that stands nowhere.
+    #[error("{}, line {line}: node {node} of a trace line is not among those of {}", file.display(), places.display())]
+    NoSuchNode {
+        /// The universal file.
+        file: PathBuf,
+        /// 1-based line.
+        line: usize,
+        /// The node.
+        node: i64,
+        /// What places the nodes.
+        places: PathBuf,
+    },
     /// More than can be drawn.
     #[error("{}: {found} {what}, where at most {MOST} are drawn; name those that show the structure's form", file.display())]
     TooMany {
@@ -79,13 +92,41 @@ impl Wireframe {
         let mut frame = Self { names: Vec::new(), places_m: Vec::new(), lines: Vec::new(), surfaces: Vec::new() };
         let mut known = HashMap::new();
         if let Some(path) = &drawing.lines {
-            let corners = frame.corners(&folder.join(path), &["from", "to"], &places, &mut known)?;
-            frame.lines = corners.iter().filter_map(|ends| ends.as_slice().try_into().ok()).collect();
+            let path = folder.join(path);
+            frame.lines = if is_universal(&path) {
+                frame.traced(&path, &places, &mut known)?
+            } else {
+                let corners = frame.corners(&path, &["from", "to"], &places, &mut known)?;
+                corners.iter().filter_map(|ends| ends.as_slice().try_into().ok()).collect()
+            };
         }
         if let Some(path) = &drawing.surfaces {
             frame.surfaces = frame.corners(&folder.join(path), &["a", "b", "c", "d"], &places, &mut known)?;
         }
         Ok(Some(frame))
+    }
+
+    /// The points that the trace lines of a universal file join.
+    fn traced(
+        &mut self,
+        file: &Path,
+        places: &Places,
+        known: &mut HashMap<String, usize>,
+    ) -> Result<Vec<[usize; 2]>, WireframeError> {
+        let pairs = read_trace_lines(file)?;
+        if pairs.len() > MOST {
+            return Err(WireframeError::TooMany { file: file.to_owned(), found: pairs.len(), what: "lines" });
+        }
+        let mut end = |line: usize, node: i64| {
+            let point = self.point(&node.to_string(), places, known);
+            point.ok_or_else(|| WireframeError::NoSuchNode {
+                file: file.to_owned(),
+                line,
+                node,
+                places: places.file().to_owned(),
+            })
+        };
+        pairs.into_iter().map(|(line, [from, to])| Ok([end(line, from)?, end(line, to)?])).collect()
     }
 
     /// The points that each row of a table names; the fourth of a surface may be absent.

@@ -135,6 +135,7 @@ pub fn plan(site: &Site<'_>, request: &Request, on_option: &mut dyn FnMut(u64, u
         wanted_probability: WANTED,
         least_hours,
         longest_hours: LONGEST_HOURS,
+        warnings: Vec::new(),
     })
 }
 

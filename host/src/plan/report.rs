@@ -25,6 +25,8 @@ pub struct Plan {
     pub least_hours: f64,
     /// The longest record that was considered.
     pub longest_hours: f64,
+    /// What the reader should know of the model and its sensors.
+    pub warnings: Vec<String>,
 }
 
 /// What a plan assumes.

@@ -122,6 +122,10 @@ pub enum RecordError {
         "{file} holds numbers of type `{found}`: expected real numbers (f4, f8 or integers of 1 to 8 bytes); convert with numpy's astype('<f8')"
     )]
     WrongDtype { file: PathBuf, found: String },
+    #[error(
+        "{file} holds complex numbers (`{found}`): expected real ones; where the imaginary part is zero, save the real part alone"
+    )]
+    ComplexNumbers { file: PathBuf, found: String },
     #[error("{file} is not a NumPy array file: {reason}; save it again with numpy.save")]
     NpyHeader { file: PathBuf, reason: String },
     #[error("{file} holds an array of shape {shape}: expected rows × channels (or one channel)")]

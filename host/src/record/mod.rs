@@ -46,7 +46,7 @@ pub(crate) use error::quoted;
 pub use error::{At, FilePosition, MatError, RecordError};
 pub(crate) use files::matching_files;
 pub use hdf5::Hdf5Error;
-pub(crate) use npy::{NpyArray, read_row};
+pub(crate) use npy::{NpyArray, RowError, read_row};
 pub use report::{ChannelReport, Gap, RecordReport};
 pub(crate) use warning::time_of_day;
 pub use warning::{Affected, RecordWarning};

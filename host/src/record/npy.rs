@@ -9,6 +9,7 @@ use std::io::{BufReader, Read};
 use std::path::{Path, PathBuf};
 
 use nalgebra::DMatrix;
+use thiserror::Error;
 
 use super::array::{ArrayReader, Layout, Sample, Source};
 use super::error::{RecordError, quoted};
@@ -50,8 +51,14 @@ impl NpyArray {
         let damaged = |reason: String| RecordError::NpyHeader { file: path.to_owned(), reason };
         let (text, offset) = header_text(BufReader::new(&file)).map_err(damaged)?;
         let header = parse_header(&text).map_err(damaged)?;
-        let (sample, big_endian) = sample_type(&header.descr)
-            .ok_or_else(|| RecordError::WrongDtype { file: path.to_owned(), found: header.descr.clone() })?;
+        let (sample, big_endian) = sample_type(&header.descr).ok_or_else(|| {
+            let (file, found) = (path.to_owned(), header.descr.clone());
+            if is_complex(&found) {
+                RecordError::ComplexNumbers { file, found }
+            } else {
+                RecordError::WrongDtype { file, found }
+            }
+        })?;
         let found = file_bytes.saturating_sub(offset);
         Ok(Self { path: path.to_owned(), file, header, sample, big_endian, offset, found })
     }
@@ -111,24 +118,46 @@ pub(super) fn open(path: &Path) -> Result<ArrayReader, RecordError> {
     array.reader(rows, columns, row_by_row)
 }
 
+/// Why an array of one dimension is not read.
+#[derive(Debug, Error)]
+pub(crate) enum RowError {
+    /// Its numbers are complex.
+    #[error("its numbers are complex (`{0}`)")]
+    Complex(String),
+    /// Anything else, as a sentence.
+    #[error("{0}")]
+    Unusable(String),
+}
+
+impl From<String> for RowError {
+    fn from(reason: String) -> Self {
+        Self::Unusable(reason)
+    }
+}
+
 /// The numbers of an array of one dimension that a reader holds, at most so many.
 ///
 /// # Errors
-/// A sentence, where it is none, of other numbers than real ones, longer, or cut short.
-pub(crate) fn read_row(mut reader: impl Read, most: u64) -> Result<Vec<f64>, String> {
+/// [`RowError`], where it is none, of other numbers than real ones, longer, or cut short.
+pub(crate) fn read_row(mut reader: impl Read, most: u64) -> Result<Vec<f64>, RowError> {
     let (text, _) = header_text(&mut reader)?;
     let header = parse_header(&text)?;
+    if is_complex(&header.descr) {
+        return Err(RowError::Complex(header.descr));
+    }
     let (sample, big_endian) =
         sample_type(&header.descr).ok_or_else(|| format!("its numbers are of type `{}`", header.descr))?;
-    let &[length] = &header.shape[..] else { return Err(format!("its shape is {:?}, not one row", header.shape)) };
+    let &[length] = &header.shape[..] else {
+        return Err(format!("its shape is {:?}, not one row", header.shape).into());
+    };
     if length > most {
-        return Err(format!("it announces {length} numbers, and no more than {most} are read"));
+        return Err(format!("it announces {length} numbers, and no more than {most} are read").into());
     }
     let bytes = length * sample.bytes() as u64;
     let mut raw = Vec::new();
     reader.take(bytes).read_to_end(&mut raw).map_err(|error| error.to_string())?;
     if (raw.len() as u64) < bytes {
-        return Err("it is cut short".to_owned());
+        return Err("it is cut short".to_owned().into());
     }
     Ok(sample.decode_all(&mut raw, big_endian))
 }
@@ -202,6 +231,11 @@ fn parse_header(text: &[u8]) -> Result<Header, String> {
             .collect::<Result<_, _>>()?,
     };
     Ok(Header { descr, fortran_order, shape })
+}
+
+/// Whether the numbers that NumPy describes so are complex: `<c8`, `<c16`.
+fn is_complex(descr: &str) -> bool {
+    descr.trim_start_matches(['<', '>', '|', '=']).starts_with('c')
 }
 
 /// How the numbers that NumPy describes so are stored, and whether big-endian; `None` where they are no real numbers.

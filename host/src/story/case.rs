@@ -86,11 +86,10 @@ impl Case {
             }
             view => view?,
         };
-        warnings.extend(model.warnings.iter().cloned());
         warnings.extend(model_warnings(&study, &model, &assembly, &sensors));
         let tolerance = study.model.as_ref().and_then(|model| Tolerance::of(&structure, model));
         let bare = model.bare();
-        let parts = Parts::of(&model, &assembly, &sensors);
+        let parts = Parts::of(section(&study)?, &model, &assembly, &sensors);
         Ok(Self { study, model, sensors, measured, bare, assembly, view, tolerance, warnings, parts })
     }
 
@@ -275,8 +274,13 @@ fn still_channels<'a>(assembly: &Assembly, sensors: &'a [Sensor]) -> Vec<&'a str
 }
 
 /// What the reader should know of a model that was read.
-fn model_warnings(study: &Study, model: &LoadedModel, assembly: &Assembly, sensors: &[Sensor]) -> Vec<String> {
-    let mut warnings = Vec::new();
+pub(super) fn model_warnings(
+    study: &Study,
+    model: &LoadedModel,
+    assembly: &Assembly,
+    sensors: &[Sensor],
+) -> Vec<String> {
+    let mut warnings = model.warnings.clone();
     let section = study.model.as_ref();
     let trusts = section.is_some_and(|model| model.background_stiffness.or(model.background_mass).is_some());
     if trusts && matches!(model.body, Body::Matrices(_)) {
@@ -286,8 +290,14 @@ fn model_warnings(study: &Study, model: &LoadedModel, assembly: &Assembly, senso
         );
     }
     if let Some([mass, volume_m3]) = assembly.looks_like_tonnes() {
+        let in_si = match model.body {
+            Body::Beam(_) => "bring the table in N, m and kg, as its columns say",
+            Body::Matrices(_) => {
+                "export it in N, m and kg, or give every matrix of K and M the factor 1000, as in [[\"K\", 1000.0]]"
+            }
+        };
         warnings.push(format!(
-            "the model weighs {mass:.3} kg in {volume_m3:.0} m³, a thousandth of what structures do: are its matrices in N, mm and t? Frequencies are the same in such units, but masses and stiffnesses are not; export it in N, m and kg, or give every matrix of K and M the factor 1000, as in [[\"K\", 1000.0]]"
+            "the model weighs {mass:.3} kg in {volume_m3:.0} m³, a thousandth of what structures do: are its masses in t, and its forces in N with lengths in mm, or in kN with m? Frequencies are the same in such units, but masses and stiffnesses are not; {in_si}"
         ));
     }
     let is_imported = matches!(model.body, Body::Matrices(_));

@@ -1,37 +1,53 @@
-//! Where a model fails that is no tower: which sensors see which of its groups. A study's groups and sensors flow in, the misfit of each group by
-//! that of its sensors flows out.
+//! Where a model fails that is no tower: which sensors stand at which of its groups. A study's groups and sensors flow in, the misfit of each group
+//! by that of its sensors flows out.
 
 use crate::compare::{Comparison, GroupMisfit};
 use crate::diagnose::{GroupSquare, Unexplained};
-use crate::model::{Assembly, Custom, LayoutNode, LoadedModel, sides_m};
-use crate::study::Sensor;
+use crate::model::{Assembly, Custom, LoadedModel, sides_m};
+use crate::study::{Model, Sensor};
 
-/// The groups of a model that is no tower, each with the channels at its nodes, in the study's order; empty for a tower.
+/// A group with the channels of the sensors at it.
+#[derive(Debug, Clone)]
+struct Part {
+    group: String,
+    channels: Vec<String>,
+}
+
+/// The groups of a model that is no tower, in the study's order; empty for a tower.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Parts(Vec<(String, Vec<String>)>);
+pub(super) struct Parts(Vec<Part>);
 
 impl Parts {
-    /// Those of a model: none where its nodes stand above each other, or it is higher than wide and its groups have heights.
-    pub(super) fn of(model: &LoadedModel, assembly: &Assembly, sensors: &[Sensor]) -> Self {
+    /// Those of a model: none where its nodes stand above each other, or it is higher than wide and its groups have heights. The sensors at a
+    /// group are those that the study names, else those that see a row with an entry in the group's matrices: of groups that are known by runs
+    /// nothing else says where they stand.
+    pub(super) fn of(section: &Model, model: &LoadedModel, assembly: &Assembly, sensors: &[Sensor]) -> Self {
         let groups = || model.customs.iter().filter(|custom| custom.group.is_some());
         let has_heights = groups().all(|group| group.group.is_some_and(|terms| terms.span_m.is_some()));
-        if assembly.is_line() || (has_heights && !is_wide(&model.bare().layout())) {
+        if assembly.is_line() || (has_heights && !is_wide(model, sensors)) {
             return Self::default();
         }
         let rows: Vec<(&Sensor, Vec<usize>)> =
             sensors.iter().map(|sensor| (sensor, assembly.rows_seen_by(sensor))).collect();
         let part = |group: &Custom| {
-            let at_it = rows.iter().filter(|(_, seen)| seen.iter().any(|row| group.touches(*row)));
-            (group.name.clone(), at_it.map(|(sensor, _)| sensor.channel.clone()).collect::<Vec<String>>())
+            let own = |name: &Option<String>| name.as_ref() == Some(&group.name);
+            let of_group = section.customs.iter().filter(|source| source.name == group.name || own(&source.tied_to));
+            let named: Vec<&String> = of_group.flat_map(|source| &source.channels).collect();
+            let is_at_it = |(sensor, seen): &&(&Sensor, Vec<usize>)| match named.is_empty() {
+                true => seen.iter().any(|row| group.touches(*row)),
+                false => named.contains(&&sensor.channel),
+            };
+            let channels = rows.iter().filter(is_at_it).map(|(sensor, _)| sensor.channel.clone()).collect();
+            Part { group: group.name.clone(), channels }
         };
-        Self(groups().map(part).filter(|(_, channels)| !channels.is_empty()).collect())
+        Self(groups().map(part).collect())
     }
 
     /// The mean over each group's sensors of what each has; groups whose sensors have nothing are left out.
     fn of_each<'a>(&'a self, value: impl Fn(&str) -> Option<f64> + 'a) -> impl Iterator<Item = (String, f64)> + 'a {
-        self.0.iter().filter_map(move |(name, channels)| {
+        self.0.iter().filter_map(move |Part { group, channels }| {
             let values: Vec<f64> = channels.iter().filter_map(|channel| value(channel)).collect();
-            (!values.is_empty()).then(|| (name.clone(), values.iter().sum::<f64>() / values.len() as f64))
+            (!values.is_empty()).then(|| (group.clone(), values.iter().sum::<f64>() / values.len() as f64))
         })
     }
 
@@ -47,6 +63,8 @@ impl Parts {
             comparison.by_height.clear();
             comparison.by_group = by_group;
         }
+        let without = self.0.iter().filter(|part| part.channels.is_empty());
+        comparison.groups_without_sensors = without.map(|part| part.group.clone()).collect();
     }
 
     /// The same of what a diagnosis leaves.
@@ -63,8 +81,15 @@ impl Parts {
     }
 }
 
-/// Whether nodes spread horizontally more than vertically; not where nothing is known of them.
-fn is_wide(nodes: &[LayoutNode]) -> bool {
-    let [x_m, y_m, z_m] = sides_m(nodes.iter().map(|node| node.position_m));
+/// Whether the nodes, or where nothing is known of them the sensors, spread horizontally more than vertically; not where neither has places.
+fn is_wide(model: &LoadedModel, sensors: &[Sensor]) -> bool {
+    let nodes = model.bare().layout();
+    let [x_m, y_m, z_m] = if nodes.is_empty() {
+        let place_m = |sensor: &Sensor| Some([sensor.offset_m[0], sensor.offset_m[1], sensor.elevation_m?]);
+        let places_m: Vec<[f64; 3]> = sensors.iter().filter_map(place_m).collect();
+        sides_m(places_m.into_iter())
+    } else {
+        sides_m(nodes.iter().map(|node| node.position_m))
+    };
     x_m.hypot(y_m) > z_m
 }

@@ -2,10 +2,11 @@
 
 use std::path::PathBuf;
 
+use super::case::model_warnings;
 use super::change::named;
 use super::error::StoryError;
 use crate::model::effect::Effect;
-use crate::model::{Structure, load, section};
+use crate::model::{Structure, load_up_to, section};
 use crate::plan::{Conditions, Plan, Request, Site, plan, read_places};
 use crate::progress::{OnProgress, Progress};
 use crate::study::{Sensor, Study};
@@ -38,7 +39,8 @@ pub struct PlanRequest {
 /// # Errors
 /// When the study has no model, a name is unknown, the table of places cannot be read, or the effect cannot be planned for.
 pub fn planned(study: &Study, request: &PlanRequest, on_progress: OnProgress<'_>) -> Result<Plan, StoryError> {
-    let model = load(study)?;
+    // A large model is reduced to what moves within the band, as it will be for the modes of the measurement.
+    let model = load_up_to(study, study.analysis.band_hz.map(|band_hz| band_hz[1]))?;
     let sensors = study.sensors();
     let places = request.places.as_deref().map(|file| read_places(file, &sensors)).transpose();
     let places: Vec<Sensor> = places.map_err(crate::plan::PlanError::from)?.unwrap_or_default();
@@ -62,7 +64,9 @@ pub fn planned(study: &Study, request: &PlanRequest, on_progress: OnProgress<'_>
         seed: request.seed,
     };
     let on_option = &mut |done, total| on_progress(Progress { stage: "sets of sensors", done, total });
-    Ok(plan(&site, &request, on_option)?)
+    let mut plan = plan(&site, &request, on_option)?;
+    plan.warnings = model_warnings(study, &model, &structure.assemble(), &sensors);
+    Ok(plan)
 }
 
 /// Modes that are expected where the study names no band.

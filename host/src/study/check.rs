@@ -78,6 +78,22 @@ pub(super) fn custom_names(customs: &[CustomSource], sections: &[Section<'_>]) -
     Ok(())
 }
 
+/// What the channels of a group are.
+pub(super) const CHANNELS: &str = "a list of channels of the study's sensors, in quotes, such as [\"07\", \"08\"]";
+
+/// The sensors at a group are sensors of the study; `sections` are those of the groups.
+pub(super) fn channels_of_groups(sensors: &[Sensor], sections: &[Section<'_>]) -> Result<(), StudyError> {
+    for entry in sections.iter().filter_map(|section| section.get("channels")) {
+        for channel in entry.list(CHANNELS)? {
+            let name = channel.text(CHANNELS)?;
+            if sensors.iter().all(|sensor| sensor.channel != name) {
+                return Err(channel.out_of_range(CHANNELS));
+            }
+        }
+    }
+    Ok(())
+}
+
 /// A group is tied to another one that is tied to none.
 pub(super) fn ties(customs: &[CustomSource], sections: &[Section<'_>]) -> Result<(), StudyError> {
     const FREE: &str = "the name of another [[model.group]] that is itself not tied, in quotes";

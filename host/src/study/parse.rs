@@ -15,6 +15,7 @@ use super::types::{
 };
 use crate::archive::TimeRange;
 use crate::model::effect::KINDS;
+use crate::model::is_numbered;
 
 const STUDY_KEYS: &[&str] = &["structure", "setup", "sensor", "measured", "analysis", "model"];
 const STRUCTURE_KEYS: &[&str] = &["name"];
@@ -40,8 +41,20 @@ const ANALYSIS_KEYS: &[&str] =
 const MEASURED_KEYS: &[&str] = &["modes"];
 const MATRICES_KEYS: &[&str] = &["file", "stiffness", "mass", "nodes", "dofs"];
 const CUSTOM_KEYS: &[&str] = &["name", "file", "stiffness", "mass", "segments", "least", "greatest", "typical"];
-const GROUP_KEYS: &[&str] =
-    &["name", "file", "stiffness", "mass", "segments", "std", "z_m", "least", "greatest", "typical", "tied_to"];
+const GROUP_KEYS: &[&str] = &[
+    "name",
+    "file",
+    "stiffness",
+    "mass",
+    "segments",
+    "std",
+    "z_m",
+    "least",
+    "greatest",
+    "typical",
+    "tied_to",
+    "channels",
+];
 const RUN_KEYS: &[&str] = &["changed", "by", "quantity", "modes"];
 const MODEL_KEYS: &[&str] = &[
     "beam",
@@ -95,11 +108,14 @@ pub(super) fn study(text: &str, folder: &Path) -> Result<Study, StudyError> {
         None => Analysis::default(),
     };
 
-    let model = match document.get("model") {
-        Some(entry) => Some(model(&entry.section("a section, written [model]")?)?),
-        None => None,
-    };
-    Ok(Study { folder: folder.to_owned(), structure, setups, measured, analysis, model, range: TimeRange::ALL })
+    let section = document.get("model").map(|entry| entry.section("a section, written [model]")).transpose()?;
+    let model = section.as_ref().map(model).transpose()?;
+    let study =
+        Study { folder: folder.to_owned(), structure, setups, measured, analysis, model, range: TimeRange::ALL };
+    if let Some(section) = section {
+        check::channels_of_groups(&study.sensors(), &section.tables("group")?)?;
+    }
+    Ok(study)
 }
 
 /// `[measured]` with its `[[sensor]]`s; a study has these or setups.
@@ -469,9 +485,9 @@ fn matrix_source(section: &Section<'_>) -> Result<MatrixSource, StudyError> {
 
     let path =
         |key, expected| section.get(key).map(|entry: Entry<'_>| entry.text(expected).map(PathBuf::from)).transpose();
-    let layout = match (path("nodes", LAYOUT)?, path("dofs", LAYOUT)?) {
+    let layout = match (section.get("nodes"), path("dofs", LAYOUT)?) {
         (Some(_), Some(_)) => return Err(StudyError::LayoutTwice { position: section.position_of("dofs") }),
-        (Some(nodes), None) => Some(LayoutFile::Nodes(nodes)),
+        (Some(nodes), None) => Some(nodes_of_layout(&nodes)?),
         (None, dofs) => dofs.map(LayoutFile::Dofs),
     };
     Ok(MatrixSource {
@@ -480,6 +496,25 @@ fn matrix_source(section: &Section<'_>) -> Result<MatrixSource, StudyError> {
         mass: matrix_terms(&section.required("mass", MASS)?, MASS)?,
         layout,
     })
+}
+
+/// The file of a model's nodes; with a factor where its lengths are not in metres, which only one that has nodes by number may have.
+fn nodes_of_layout(entry: &Entry<'_>) -> Result<LayoutFile, StudyError> {
+    const NODES: &str = "the name of a CSV, universal or Nastran file, in quotes, such as \"nodes.csv\"; a universal or Nastran file may have a factor, [\"nodes.unv\", 0.001] where it is in mm";
+    let (name, factor) = if entry.is_text() {
+        (entry.text(NODES)?, None)
+    } else {
+        match entry.list(NODES)?.as_slice() {
+            [name, factor] => (name.text(NODES)?, Some(factor.positive(NODES)?)),
+            _ => return Err(entry.out_of_range(NODES)),
+        }
+    };
+    let file = PathBuf::from(name);
+    match (is_numbered(&file), factor) {
+        (true, factor) => Ok(LayoutFile::Numbered { file, factor: factor.unwrap_or(1.0) }),
+        (false, None) => Ok(LayoutFile::Nodes(file)),
+        (false, Some(_)) => Err(entry.out_of_range(NODES)),
+    }
 }
 
 /// A name, or a list of names and `[name, factor]` pairs.
@@ -598,6 +633,10 @@ fn group(section: &Section<'_>) -> Result<CustomSource, StudyError> {
     const OF_OTHER: &str = "left out beside tied_to: the group that it names has deviation and bounds for both";
     const SPAN: &str = "a height in metres, or two such as [3.0, 6.5]";
     section.allow_only(GROUP_KEYS)?;
+    let channel = |entry: Entry<'_>| entry.text(check::CHANNELS);
+    let channels = section.get("channels").map_or(Ok(Vec::new()), |entry| {
+        entry.list(check::CHANNELS)?.into_iter().map(channel).collect::<Result<Vec<_>, _>>()
+    })?;
     let tied_to = section.get("tied_to").map(|entry| entry.text(TIED)).transpose()?;
     let of_other = ["std", "least", "greatest", "typical"].into_iter().filter_map(|key| section.get(key)).next();
     if let Some(entry) = of_other.filter(|_| tied_to.is_some()) {
@@ -621,7 +660,7 @@ fn group(section: &Section<'_>) -> Result<CustomSource, StudyError> {
         }
     };
     let span_m = section.get("z_m").map(span).transpose()?;
-    Ok(CustomSource { group: Some(GroupTerms { std, span_m }), tied_to, ..change_of_model(section)? })
+    Ok(CustomSource { group: Some(GroupTerms { std, span_m }), tied_to, channels, ..change_of_model(section)? })
 }
 
 /// A named change of the model, of a hypothesis or of a group.
@@ -655,6 +694,7 @@ fn change_of_model(section: &Section<'_>) -> Result<CustomSource, StudyError> {
         greatest: number("greatest")?,
         typical: section.get("typical").map(|entry: Entry<'_>| entry.positive(TYPICAL)).transpose()?,
         tied_to: None,
+        channels: Vec::new(),
         group: None,
     })
 }

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use thiserror::Error;
 
 use super::types::{Direction, LayoutFile, Model, ModelSource, STUDY_FILE, Sensor, Study};
-use crate::model::{LayoutError, is_list_of_rows, is_universal, read_universal_positions};
+use crate::model::{LayoutError, is_list_of_rows, is_numbered, read_numbered_positions};
 use crate::modes::node_and_direction;
 use crate::nearest::nearest;
 use crate::table::{Table, TableError};
@@ -69,18 +69,23 @@ impl Places {
             ModelSource::Beam(_) | ModelSource::Modes(_) => None,
         };
         match (&model.drawing.points, layout) {
+            (Some(path), _) if is_numbered(path) => Ok(Some(Self::by_number(folder.join(path), 1.0)?)),
             (Some(path), _) => Ok(Some(Self::read(folder.join(path))?)),
-            (None, Some(LayoutFile::Nodes(path))) if is_universal(path) => {
-                let file = folder.join(path);
-                let positions = read_universal_positions(&file)?;
-                let by_name = positions.into_iter().map(|(node, place_m)| (node.to_string(), place_m)).collect();
-                Ok(Some(Self { by_name, file }))
+            (None, Some(LayoutFile::Numbered { file, factor })) => {
+                Ok(Some(Self::by_number(folder.join(file), *factor)?))
             }
             // A list of rows has names alone.
             (None, Some(LayoutFile::Dofs(path))) if is_list_of_rows(path) => Ok(None),
             (None, Some(LayoutFile::Dofs(path) | LayoutFile::Nodes(path))) => Ok(Some(Self::read(folder.join(path))?)),
             (None, None) => Ok(None),
         }
+    }
+
+    /// Those of a universal file or one of Nastran, whose lengths are in m by a factor.
+    fn by_number(file: PathBuf, factor: f64) -> Result<Self, LayoutError> {
+        let positions = read_numbered_positions(&file, factor)?;
+        let by_name = positions.into_iter().map(|(node, place_m)| (node.to_string(), place_m)).collect();
+        Ok(Self { by_name, file })
     }
 
     fn read(file: PathBuf) -> Result<Self, TableError> {

@@ -458,6 +458,8 @@ pub struct CustomSource {
     pub typical: Option<f64>,
     /// The group that this one changes with, whose deviation and bounds are those of both.
     pub tied_to: Option<String>,
+    /// The channels of the sensors that stand at this group, where the study says so.
+    pub channels: Vec<String>,
     /// What makes a `[[model.group]]` of it; `None` for a `[[model.custom]]`.
     pub group: Option<GroupTerms>,
 }
@@ -498,6 +500,13 @@ pub struct GroupTerms {
 pub enum LayoutFile {
     /// `node,z_m`: five DOFs a node.
     Nodes(PathBuf),
+    /// Nodes by number: a universal file, or Nastran's bulk data.
+    Numbered {
+        /// The file.
+        file: PathBuf,
+        /// What its lengths are multiplied with to be in m.
+        factor: f64,
+    },
     /// `row,node,dof` and positions; or CalculiX' .dof.
     Dofs(PathBuf),
 }

@@ -73,6 +73,15 @@ pub fn layout(bytes: &[u8]) {
             check(&error.to_string(), "layout.csv");
         }
     }
+    write("named.mtx", b"1,1, 1,1, 1.0\n2,3, 2,3, 1.0\n");
+    for name in ["layout.unv", "layout.bdf"] {
+        let folder = write(name, bytes);
+        let layout = LayoutFile::Numbered { file: name.into(), factor: 1.0 };
+        let source = MatrixSource { layout: Some(layout), ..source("named.mtx") };
+        if let Err(error) = ImportedMatrices::read(&source, &folder) {
+            check(&error.to_string(), name);
+        }
+    }
 }
 
 /// A model's matrix as a Matrix Market file.

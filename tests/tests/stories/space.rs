@@ -237,7 +237,7 @@ fn other_units_are_told() {
         fs::write(file, lines.join("\n") + "\n").unwrap();
     };
     let right = json(&["compare", path]);
-    belfry_command().args(["compare", path]).assert().success().stderr(contains("mm and t").not());
+    belfry_command().args(["compare", path]).assert().success().stderr(contains("masses in t").not());
     for file in ["floors", "storey1", "storey2", "storey3", "storey4", "storey5", "mass"] {
         scale(&format!("{file}.mtx"), 1e-3);
     }
@@ -245,7 +245,9 @@ fn other_units_are_told() {
         .args(["compare", path])
         .assert()
         .success()
-        .stderr(contains("a thousandth of what structures do: are its matrices in N, mm and t?"));
+        .stderr(contains(
+            "a thousandth of what structures do: are its masses in t, and its forces in N with lengths in mm, or in kN with m?",
+        ));
     let hz = |comparison: &serde_json::Value| comparison["pairs"][0]["model_hz"].as_f64().unwrap();
     assert!((hz(&json(&["compare", path])) / hz(&right) - 1.0).abs() < 1e-6, "frequencies are the same");
     let dofs = folder.path().join("dofs.csv");

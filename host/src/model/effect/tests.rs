@@ -567,6 +567,7 @@ fn a_custom_change_is_what_its_files_say() {
             greatest: Some(2.0),
             typical: None,
             tied_to: None,
+            channels: Vec::new(),
             group: None,
         };
         Custom::read(&source, folder.path())

@@ -83,6 +83,7 @@ fn group(name: &str) -> CustomSource {
         greatest: None,
         typical: None,
         tied_to: None,
+        channels: Vec::new(),
         group: Some(GroupTerms { std: 0.1, span_m: None }),
     }
 }

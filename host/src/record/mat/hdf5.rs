@@ -5,7 +5,7 @@
 
 use super::element::{Class, Numbers, Storage, Variable, sparse_columns};
 use crate::record::error::MatError;
-use crate::record::hdf5::{COMPOUND, Hdf5File, Kind, Object};
+use crate::record::hdf5::{COMPOUND, Dataset, Hdf5File, Kind, Object};
 
 /// What MATLAB calls the class of its variable.
 const CLASS: &str = "MATLAB_class";
@@ -54,10 +54,11 @@ fn variable(object: &Object, member: &impl Fn(&str, &str) -> Option<Object>) -> 
         let (Some(rows), Some(columns), Some(starts)) = (object.number(SPARSE), columns, starts) else {
             return other("struct", vec![1, 1]);
         };
-        let place =
-            Place::Sparse(Box::new(Sparse { rows: member(&name, "ir"), starts, values: member(&name, "data") }));
+        let values = member(&name, "data");
+        let complex = values.as_ref().and_then(|values| values.dataset.as_ref()).is_some_and(is_complex);
+        let place = Place::Sparse(Box::new(Sparse { rows: member(&name, "ir"), starts, values }));
         let (dimensions, storage) = (vec![rows as u64, columns], Storage::Hdf5(Box::new(place)));
-        return Variable { name, class: Class::Sparse, dimensions, complex: false, storage };
+        return Variable { name, class: Class::Sparse, dimensions, complex, storage };
     };
     let mut dimensions: Vec<u64> = dataset.lengths.iter().rev().copied().collect();
     dimensions.resize(dimensions.len().max(2), 1);
@@ -67,13 +68,13 @@ fn variable(object: &Object, member: &impl Fn(&str, &str) -> Option<Object>) -> 
     }
     let of_class = |class: &str| object.text(CLASS) == Some(class);
     let is_number = matches!(dataset.kind, Kind::Number { .. });
-    let is_complex = matches!(dataset.kind, Kind::Other(COMPOUND));
+    let complex = is_complex(dataset);
     for class in ["char", "cell", "struct", "logical", "function_handle"] {
         if of_class(class) {
             return other(class, dimensions);
         }
     }
-    if !is_number && !(is_complex && (of_class("double") || of_class("single"))) {
+    if !is_number && !(complex && (of_class("double") || of_class("single"))) {
         let what = match dataset.kind {
             Kind::Other(what) => what,
             _ => "text",
@@ -81,7 +82,12 @@ fn variable(object: &Object, member: &impl Fn(&str, &str) -> Option<Object>) -> 
         return other(what, dimensions);
     }
     let storage = Storage::Hdf5(Box::new(Place::Full(object.clone())));
-    Variable { name, class: Class::Numeric, dimensions, complex: is_complex, storage }
+    Variable { name, class: Class::Numeric, dimensions, complex, storage }
+}
+
+/// Whether a dataset's numbers have real and imaginary parts, which MATLAB keeps in a compound.
+fn is_complex(dataset: &Dataset) -> bool {
+    matches!(dataset.kind, Kind::Other(COMPOUND))
 }
 
 /// Where the numbers of a full variable are.
