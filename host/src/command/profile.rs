@@ -51,7 +51,9 @@ fn tell(profiles: &Profiles, project: &Project, console: &Console) {
     let study = project.study();
     let profile = profiles.present();
     let with = if profile.effects.is_empty() { String::new() } else { format!(" with {}", profile.effects.join(", ")) };
-    console.say(format!("\n{}: stiffness and mass over the height, as fitted{with}", study.structure.name));
+    let of =
+        if profile.quantities.is_empty() { "the groups of the model" } else { "stiffness and mass over the height" };
+    console.say(format!("\n{}: {of}, as fitted{with}", study.structure.name));
     if !profile.quantities.is_empty() {
         console.say(table(profile));
     }

@@ -96,6 +96,14 @@ pub enum EigenError {
         /// The lowest eigenvalue.
         lambda: f64,
     },
+    /// K holds some motion by rounding alone.
+    #[error(
+        "the lowest mode is at {frequency_hz:.1e} Hz, where no structure swings: it can move without strain, and K holds it by rounding alone; support it, or export K with its supports"
+    )]
+    HeldByRounding {
+        /// The lowest frequency.
+        frequency_hz: f64,
+    },
     /// M gives some motion a negative mass.
     #[error("M is not positive semi-definite (1/lambda = {inverse_lambda:.3e} s²): some motion has a negative mass")]
     NegativeMass {
@@ -115,6 +123,18 @@ pub enum EigenError {
 
 /// An eigenvalue below this share of the largest is rounding: it belongs to a motion without mass (or without strain).
 const NEGLIGIBLE: f64 = 1e-13;
+
+/// No structure swings as slowly: its period would be three hours.
+const SLOWEST_HZ: f64 = 1e-4;
+
+/// Whether a structure of this lowest eigenvalue (1/s²) stands on more than rounding.
+///
+/// # Errors
+/// [`EigenError::HeldByRounding`].
+pub(super) fn is_held(lambda: f64) -> Result<(), EigenError> {
+    let frequency_hz = lambda.max(0.0).sqrt() / TAU;
+    if frequency_hz < SLOWEST_HZ { Err(EigenError::HeldByRounding { frequency_hz }) } else { Ok(()) }
+}
 
 /// Solves K x = lambda M x; only the modes that have mass are returned.
 ///
@@ -155,6 +175,7 @@ impl ModalBasis {
         if greatest == 0.0 {
             return Err(EigenError::Massless);
         }
+        is_held(1.0 / greatest)?;
         let inverse_lambda = least(&values);
         if inverse_lambda < -1e-9 * greatest {
             return Err(EigenError::NegativeMass { inverse_lambda });

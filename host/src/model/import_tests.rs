@@ -388,10 +388,17 @@ fn sparse_matrices_are_read_from_every_programs_files() {
         vec![("data", data.clone()), ("shape", shape.clone()), ("indices", indices), ("indptr", starts)]
     };
     scipy_file(&at("rows.npz"), CompressionMethod::Deflated, &rows(array(&[0_i32, 2, 4, 5])));
+    // PyMAPDL hands out one triangle.
+    let upper = [
+        ("data", array(&[2.0, -1.0, 2.5, 3.0])),
+        ("indices", array(&[0_i32, 1, 1, 2])),
+        ("indptr", array(&[0_i32, 2, 3, 4])),
+    ];
+    scipy_file(&at("triangle.npz"), CompressionMethod::Stored, &[&upper[..], &[("shape", shape.clone())]].concat());
     let places = [("row", array(&[0_i64, 0, 1, 1, 2])), ("col", array(&[0_i64, 1, 0, 1, 2]))];
     let coordinates = [[("data", data.clone()), ("shape", shape.clone())], places].concat();
     scipy_file(&at("places.npz"), CompressionMethod::Stored, &coordinates);
-    for file in ["market.mtx", "calculix.sti", "abaqus.mtx", "rows.npz", "places.npz"] {
+    for file in ["market.mtx", "calculix.sti", "abaqus.mtx", "rows.npz", "places.npz", "triangle.npz"] {
         let read = ImportedMatrices::read(&files(file, file, None), folder.path());
         assert_eq!(read.unwrap_or_else(|error| panic!("{file}: {error}")).stiffness, expected, "{file}");
     }
@@ -467,5 +474,38 @@ fn masses_in_tonnes_are_noticed_of_beams_as_well() {
     // t and t m², t and t mm², and a beam that only sways.
     for turning in [1e-3, 1e3, 0.0] {
         assert!(in_units(1e-3, turning).looks_like_tonnes().is_some(), "{turning}");
+    }
+}
+
+/// A chain of springs that nothing holds, of few and of many masses: rounding of its entries makes K positive definite or not.
+#[test]
+fn structures_that_rounding_alone_holds_are_told() {
+    for rows in [20, 300] {
+        for seed in 0..6 {
+            let spring = |at: usize| 1e6 * (1.0 + 0.7 * ((at + 7 * seed) as f64).sin());
+            let mut lines = String::new();
+            for row in 0..rows {
+                let [before, after] = [(row > 0).then(|| spring(row)), (row + 1 < rows).then(|| spring(row + 1))];
+                let sum = before.unwrap_or(0.0) + after.unwrap_or(0.0);
+                lines += &format!("{0} {0} {sum:.10e}\n", row + 1);
+                if let Some(spring) = before {
+                    lines += &format!("{} {} {:.10e}\n", row + 1, row, -spring);
+                }
+            }
+            let folder = tempfile::tempdir().unwrap();
+            let head = "%%MatrixMarket matrix coordinate real symmetric";
+            fs::write(folder.path().join("k.mtx"), format!("{head}\n{rows} {rows} {}\n{lines}", 2 * rows - 1)).unwrap();
+            let masses: String = (1..=rows).map(|row| format!("{row} {row} 1000\n")).collect();
+            fs::write(folder.path().join("m.mtx"), format!("{head}\n{rows} {rows} {rows}\n{masses}")).unwrap();
+            let text = "[structure]\nname = \"Chain\"\n[measured]\nmodes = \"modes.csv\"\n\
+                [model.matrices]\nstiffness = \"k.mtx\"\nmass = \"m.mtx\"\n";
+            fs::write(folder.path().join("study.toml"), text).unwrap();
+            let study = crate::study::Study::load(folder.path()).unwrap();
+            let modes = load(&study)
+                .map_err(|error| error.to_string())
+                .and_then(|model| model.as_given().modes().map_err(|error| error.to_string()));
+            let told = modes.unwrap_err();
+            assert!(told.contains("can move without strain"), "{rows} rows, {seed}: {told}");
+        }
     }
 }

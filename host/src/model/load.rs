@@ -14,12 +14,12 @@ use super::effect::{Effect, EffectError};
 use super::eigen::EigenError;
 use super::matrices::{MatrixError, WholeMatrices, dense_bytes};
 use super::node_files::KnownRows;
-use super::reduction;
 use super::runs::{self, RunError};
 use super::size::{self, TooManyUnknowns};
 use super::structure::{Body, Structure};
 use super::wireframe::{Wireframe, WireframeError};
-use crate::study::{CustomSource, Model, ModelSource, STUDY_FILE, Study};
+use super::{numbering, reduction};
+use crate::study::{CustomSource, MatrixSource, Model, ModelSource, STUDY_FILE, Study};
 
 /// A study's model, read.
 #[derive(Debug, Clone)]
@@ -162,6 +162,7 @@ pub fn load_up_to(study: &Study, highest_hz: Option<f64>) -> Result<LoadedModel,
         }
         ModelSource::Matrices(source) => {
             let whole = WholeMatrices::read(source, &study.folder)?;
+            warnings.extend(doubt_of_numbers(&whole, source));
             let known = KnownRows { least: whole.stiffness.nrows(), places: whole.places.clone() };
             let customs = tied(customs(&known)?)?;
             if reduction::is_worthwhile(&whole) {
@@ -206,6 +207,16 @@ pub fn load_up_to(study: &Study, highest_hz: Option<f64>) -> Result<LoadedModel,
     }
     let wireframe = Wireframe::read(model, &study.folder)?;
     Ok(LoadedModel { body, effects, customs, warnings, wireframe })
+}
+
+/// Asks whether rows are numbered as their table says, where K says otherwise.
+fn doubt_of_numbers(whole: &WholeMatrices, source: &MatrixSource) -> Option<String> {
+    let numbering::Unbalanced { motion, balanced, rows } = numbering::unbalanced(&whole.stiffness, &whole.nodes)?;
+    let file = source.layout.as_ref()?.file().display();
+    Some(format!(
+        "{file}: are the rows of the matrices numbered so? A structure that moves {motion} as a rigid body meets forces at its supports alone, but by these numbers {} of {rows} rows do; look at the order of rows, which count from 1, and at nodes and directions",
+        rows - balanced
+    ))
 }
 
 /// Hypotheses and groups that are tied to no other.

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use nalgebra::DMatrix;
-use nalgebra_sparse::CscMatrix;
+use nalgebra_sparse::{CooMatrix, CscMatrix};
 use npyz::WriterBuilder;
 use thiserror::Error;
 
@@ -62,7 +62,7 @@ pub enum MatrixError {
         reason: String,
     },
     /// Not square.
-    #[error("{name} in {}: {rows} x {columns}; a {quantity} matrix is square", file.display())]
+    #[error("{}: {rows} x {columns}; a {quantity} matrix is square", within(name, file))]
     NotSquare {
         /// The file.
         file: PathBuf,
@@ -77,8 +77,8 @@ pub enum MatrixError {
     },
     /// Of another size than the others.
     #[error(
-        "{name} in {}: {rows} x {rows}, but the matrices before it are {expected} x {expected}; all must be of one size",
-        file.display()
+        "{}: {rows} x {rows}, but the matrices before it are {expected} x {expected}; all must be of one size",
+        within(name, file)
     )]
     Size {
         /// The file.
@@ -91,7 +91,7 @@ pub enum MatrixError {
         expected: usize,
     },
     /// An entry that is not finite.
-    #[error("{name} in {}: the entry at row {row}, column {column} (counted from 1) is not a finite number", file.display())]
+    #[error("{}: the entry at row {row}, column {column} (counted from 1) is not a finite number", within(name, file))]
     NotFinite {
         /// The file.
         file: PathBuf,
@@ -104,8 +104,8 @@ pub enum MatrixError {
     },
     /// Not symmetric.
     #[error(
-        "{name} in {}: not symmetric: row {row}, column {column} (counted from 1) holds {value:e}, its mirror {mirror:e}; stiffness and mass matrices are symmetric (gyroscopic terms and forces that follow the motion are not: export K and M without them)",
-        file.display()
+        "{}: not symmetric: row {row}, column {column} (counted from 1) holds {value:e}, its mirror {mirror:e}; stiffness and mass matrices are symmetric (gyroscopic terms and forces that follow the motion are not: export K and M without them)",
+        within(name, file)
     )]
     NotSymmetric {
         /// The file.
@@ -141,6 +141,11 @@ pub enum MatrixError {
     /// The layout of nodes.
     #[error(transparent)]
     Layout(#[from] LayoutError),
+}
+
+/// A matrix of a file of several, or a file of one.
+fn within(name: &str, file: &Path) -> String {
+    if file.ends_with(name) { file.display().to_string() } else { format!("{name} in {}", file.display()) }
 }
 
 /// Differences of mirror images below this share of the geometric mean of their diagonals are rounding.
@@ -280,6 +285,7 @@ pub(super) fn read_sum(
     for MatrixTerm { name, factor } in terms {
         known.least = size.unwrap_or(known.least);
         let (path, matrix) = matrix_files::read(name, quantity, file, folder, known)?;
+        let matrix = both_triangles(matrix);
         check(&matrix, &path, name, quantity, size)?;
         size = Some(matrix.nrows());
         // Mirror images may differ by rounding.
@@ -298,6 +304,21 @@ pub(super) fn read_sum(
         return Err(MatrixError::NotFinite { file, name, row, column });
     }
     Ok(total)
+}
+
+/// A matrix with the mirror image of its one triangle, where the other is empty: so programs write what is symmetric.
+fn both_triangles(matrix: CscMatrix<f64>) -> CscMatrix<f64> {
+    let has = |is_there: fn(usize, usize) -> bool| {
+        matrix.triplet_iter().any(|(row, column, value)| is_there(row, column) && *value != 0.0)
+    };
+    if matrix.nrows() != matrix.ncols() || has(|row, column| row < column) == has(|row, column| row > column) {
+        return matrix;
+    }
+    let mut image = CooMatrix::new(matrix.nrows(), matrix.ncols());
+    for (row, column, value) in matrix.triplet_iter().filter(|(row, column, _)| row != column) {
+        image.push(column, row, *value);
+    }
+    matrix + CscMatrix::from(&image)
 }
 
 fn check(

@@ -166,7 +166,7 @@ fn check_sizes(text: &str) -> Result<(), String> {
 }
 
 /// Lines of row, column and value, from 1, without a header: what CalculiX writes as .sti and .mas (SOLVER=MATRIXSTORAGE) and Abaqus with
-/// FORMAT=COORDINATE. Where only one triangle is there, the other is its mirror image. As many rows as the largest number says, and at least
+/// FORMAT=COORDINATE. As many rows as the largest number says, and at least
 /// `least_rows`: the last ones may have no mass, or be none of a group's.
 fn triplets(text: &str, least_rows: usize) -> Result<CscMatrix<f64>, String> {
     const EXPECTED: &str =
@@ -189,14 +189,9 @@ fn triplets(text: &str, least_rows: usize) -> Result<CscMatrix<f64>, String> {
     }
     let rows = entries.iter().map(|(row, column, _)| row.max(column) + 1).max().ok_or("no entries in it")?;
     let rows = rows.max(least_rows);
-    let is_triangle =
-        entries.iter().all(|(row, column, _)| row <= column) || entries.iter().all(|(row, column, _)| row >= column);
     let mut matrix = CooMatrix::new(rows, rows);
     for (row, column, value) in entries {
         matrix.push(row, column, value);
-        if is_triangle && row != column {
-            matrix.push(column, row, value);
-        }
     }
     Ok(CscMatrix::from(&matrix))
 }

@@ -35,6 +35,7 @@ mod node_files;
 #[cfg(test)]
 mod node_files_tests;
 mod numbered_nodes;
+mod numbering;
 mod reduction;
 #[cfg(test)]
 mod reduction_tests;

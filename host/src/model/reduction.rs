@@ -14,7 +14,7 @@ use nalgebra::DMatrix;
 use nalgebra_sparse::CscMatrix;
 
 use super::custom::Custom;
-use super::eigen::EigenError;
+use super::eigen::{EigenError, is_held};
 use super::layout::is_line;
 use super::matrices::{ImportedMatrices, WholeMatrices, symmetric};
 use super::size;
@@ -80,6 +80,24 @@ struct Reducer {
     modes: EigenPairs<f64>,
 }
 
+/// Solutions that turn any motion into the slowest one, where that is slower than all others by far.
+const SOLUTIONS: usize = 3;
+
+/// An upper bound of the lowest eigenvalue in 1/s² by inverse iteration: close to it where K hardly resists some motion.
+fn lowest_lambda(factor: &SparseFactor, mass: &CscMatrix<f64>) -> f64 {
+    // Any motion that is at right angles to none.
+    let mut motion = DMatrix::from_fn(mass.nrows(), 1, |row, _| (1.0 + row as f64).sin());
+    let mut lambda = f64::INFINITY;
+    for _ in 0..SOLUTIONS {
+        let loads = mass * &motion;
+        let solved = factor.solve(&loads);
+        // K times what was solved is the loads.
+        lambda = solved.dot(&loads) / solved.dot(&(mass * &solved));
+        motion = &solved / solved.norm();
+    }
+    lambda
+}
+
 impl Reducer {
     fn of(whole: &WholeMatrices, highest_hz: Option<f64>) -> Result<Self, EigenError> {
         let WholeMatrices { stiffness, mass, .. } = whole;
@@ -92,6 +110,7 @@ impl Reducer {
         if mass.values().iter().all(|entry| *entry == 0.0) {
             return Err(EigenError::Massless);
         }
+        is_held(lowest_lambda(&factor, mass))?;
         let not_converged = || EigenError::NotConverged { dofs: stiffness.nrows() };
         let up_to = |hz: f64| count_below(stiffness, mass, (TAU * BEYOND * hz).powi(2)).ok_or_else(not_converged);
         let count = highest_hz.map_or(Ok(MODES_IF_UNKNOWN), up_to)?.clamp(MODES[0], MODES[1]);

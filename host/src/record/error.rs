@@ -123,7 +123,7 @@ pub enum RecordError {
     )]
     WrongDtype { file: PathBuf, found: String },
     #[error(
-        "{file} holds complex numbers (`{found}`): expected real ones; where the imaginary part is zero, save the real part alone"
+        "{file} holds complex numbers (`{found}`): expected real ones (f4, f8 or integers of 1 to 8 bytes); where the imaginary parts are zero, save the real ones alone, with numpy's real.astype('<f8')"
     )]
     ComplexNumbers { file: PathBuf, found: String },
     #[error("{file} is not a NumPy array file: {reason}; save it again with numpy.save")]

@@ -76,6 +76,11 @@ pub enum StoryError {
     /// The folder of results.
     #[error(transparent)]
     Results(Box<ResultsError>),
+    /// There is nothing to measure intervals of.
+    #[error(
+        "the study has [measured] modes and no recording: a watch follows modes from interval to interval, so it needs a [[setup]]"
+    )]
+    NoSetupToWatch,
     /// There are no modes that a watch could follow.
     #[error("{} has no modes to watch; run `belfry identify` first, over a week or more", file.display())]
     NothingToWatch {

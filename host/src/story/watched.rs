@@ -119,6 +119,9 @@ pub(super) fn watch(
     request: &WatchRequest,
     on_progress: OnProgress<'_>,
 ) -> Result<WatchReport, StoryError> {
+    if study.setups.is_empty() {
+        return Err(StoryError::NoSetupToWatch);
+    }
     let every_s = request.every.as_secs_f64();
     let earlier: Earlier = results.read_json(WATCH_FILE, "watch")?.unwrap_or_default();
     if earlier.every_s > 0.0 && earlier.every_s != every_s {

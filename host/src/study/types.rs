@@ -1,6 +1,6 @@
 //! What a study says, as validated types with units in their names.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
@@ -509,6 +509,15 @@ pub enum LayoutFile {
     },
     /// `row,node,dof` and positions; or CalculiX' .dof.
     Dofs(PathBuf),
+}
+
+impl LayoutFile {
+    /// The file.
+    pub fn file(&self) -> &Path {
+        match self {
+            Self::Nodes(file) | Self::Dofs(file) | Self::Numbered { file, .. } => file,
+        }
+    }
 }
 
 /// `[[model.effect]]`: a physical effect that the model has on top of its beam table.

@@ -49,6 +49,45 @@ fn a_group_that_has_lost_stiffness_is_named_from_modes_alone() {
         .stderr(contains("has no matrices to export"));
 }
 
+/// Runs do not say where a group stands: the study does, by the channels of the sensors there.
+#[test]
+fn groups_of_runs_have_the_sensors_that_the_study_names() {
+    let folder = tempfile::tempdir().unwrap();
+    study(folder.path());
+    let path = folder.path().to_str().unwrap();
+    let unnamed = json(&["compare", path]);
+    assert_eq!(unnamed["groups_without_sensors"].as_array().unwrap().len(), TRUTH.len());
+    belfry_command().args(["compare", path]).assert().success().stdout(contains(
+        "no sensor at group columns-low, columns-high, beams, foundation; `channels` in a [[model.group]]",
+    ));
+    let file = folder.path().join("study.toml");
+    let text = fs::read_to_string(&file).unwrap();
+    let with = |channels: &str| {
+        let named = format!("name = \"columns-low\"\nchannels = {channels}");
+        fs::write(&file, text.replacen("name = \"columns-low\"", &named, 1)).unwrap();
+    };
+    with("[\"100x\", \"200x\"]");
+    let named = json(&["compare", path]);
+    // The root mean square of its two sensors.
+    let misfit = |channel: &str| {
+        let sensors = named["by_sensor"].as_array().unwrap();
+        sensors.iter().find(|sensor| sensor["channel"] == channel).unwrap()["misfit"].as_f64().unwrap()
+    };
+    let expected = ((misfit("100x").powi(2) + misfit("200x").powi(2)) / 2.0).sqrt();
+    let groups = named["by_group"].as_array().unwrap();
+    assert_eq!((groups.len(), groups[0]["group"].as_str()), (1, Some("columns-low")));
+    assert!((groups[0]["misfit"].as_f64().unwrap() - expected).abs() < 1e-12);
+    with("[\"100x\", \"attic\"]");
+    belfry_command()
+        .args(["compare", path])
+        .assert()
+        .failure()
+        .stderr(contains("study.toml, line").and(contains("attic")).and(contains("a list of channels")));
+    // There is no recording to watch.
+    with("[\"100x\"]");
+    belfry_command().args(["watch", path, "--once"]).assert().failure().stderr(contains("needs a [[setup]]"));
+}
+
 /// A sensor that no column of the runs stands for.
 #[test]
 fn sensors_that_the_runs_do_not_have_are_told() {

@@ -72,6 +72,13 @@ fn the_soft_span_of_a_bridge_is_named_and_drawn_in_space() {
         comparison["by_group"].as_array().unwrap().iter().map(|group| group["group"].as_str().unwrap()).collect();
     assert!(groups.starts_with(&["span1", "span2", "span3"]), "{groups:?}");
     assert!(comparison["by_height"].as_array().unwrap().is_empty(), "heights say nothing of where a bridge fails");
+    let without = &comparison["groups_without_sensors"];
+    assert_eq!(without.to_string(), r#"["piers","bearing-west","bearing-pier1","bearing-pier2","bearing-east"]"#);
+    belfry_command()
+        .args(["compare", path])
+        .assert()
+        .success()
+        .stdout(contains("no sensor at group piers, bearing-west"));
     belfry_command().args(["compare", path]).assert().success().stdout(contains("by group:").and(contains("span2")));
     for picture in ["mode_shapes.svg", "comparison.svg"] {
         let svg = fs::read_to_string(folder.path().join("results").join(picture)).unwrap();
@@ -284,4 +291,69 @@ fn what_is_no_model_of_a_structure_at_rest_is_told() {
         .stderr(contains("it changes the same as group `storey4`"));
     edit(folder.path(), "stiffness = [[\"storey4.mtx\", 2.0]]", "stiffness = [[\"storey4.mtx\", 0.0]]");
     belfry_command().args(["compare", path]).assert().failure().stderr(contains("it changes nothing of the model"));
+}
+
+/// Rows that are numbered otherwise than their table has them: by the next row, and by nodes in another order.
+#[test]
+fn numbering_that_does_not_match_is_told() {
+    let folder = measured(AT_NODES);
+    let path = folder.path().to_str().unwrap();
+    let doubt = "dofs.csv: are the rows of the matrices numbered so?";
+    belfry_command().args(["compare", path]).assert().success().stderr(contains(doubt).not());
+    let file = folder.path().join("dofs.csv");
+    let text = fs::read_to_string(&file).unwrap();
+    let renumbered = |number: &dyn Fn(usize) -> usize| -> String {
+        let line = |line: &str| {
+            let (row, rest) = line.split_once(',').unwrap();
+            row.parse().map_or_else(|_| line.to_owned(), |row: usize| format!("{},{rest}", number(row)))
+        };
+        text.lines().map(line).collect::<Vec<_>>().join("\n")
+    };
+    for number in [&|row: usize| row % 180 + 1, &|row: usize| (7 * row) % 180 + 1] as [&dyn Fn(usize) -> usize; 2] {
+        fs::write(&file, renumbered(number)).unwrap();
+        for command in ["compare", "diagnose"] {
+            belfry_command().args([command, path]).assert().stderr(contains(doubt));
+        }
+        let plan = ["plan", path, "--effect", "group@storey2=-0.2", "--hours", "1"];
+        belfry_command().args(plan).assert().stderr(contains(doubt));
+    }
+}
+
+/// Trace lines (dataset 82) draw a structure, and GRID cards place it: the chain of six nodes that the reader's tests have, from Nastran and pyuff.
+#[test]
+fn a_model_of_nastran_stands_at_its_grid_points_and_is_drawn_by_trace_lines() {
+    let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("../host/tests-data");
+    let folder = tempfile::tempdir().unwrap();
+    for name in ["pynastran_16.bdf", "pynastran_grids_16.bdf", "pyuff_lines.unv"] {
+        fs::copy(data.join(name), folder.path().join(name)).unwrap();
+    }
+    let study = "[structure]\nname = \"Chain\"\n\n[measured]\nmodes = \"modes.csv\"\n\n\
+        [[sensor]]\nchannel = \"12x\"\n\n[[sensor]]\nchannel = \"16x\"\n\n\
+        [model]\nlines = \"pyuff_lines.unv\"\n\n\
+        [model.matrices]\nfile = \"pynastran_16.bdf\"\nstiffness = \"KAAX\"\nmass = \"MAAX\"\n\
+        nodes = [\"pynastran_grids_16.bdf\", 0.001]\n";
+    fs::write(folder.path().join("study.toml"), study).unwrap();
+    let modes = "mode,frequency_hz,frequency_std_hz,12x,16x\n1,0.86,0.002,0.47,1.0\n2,2.55,0.005,1.0,-0.9\n";
+    fs::write(folder.path().join("modes.csv"), modes).unwrap();
+    let path = folder.path().to_str().unwrap();
+    let comparison = json(&["compare", path]);
+    // A chain of n equal springs and masses, held at one end: 2 sqrt(k/m) sin((2 i - 1) pi / (4 n + 2)) / (2 pi).
+    for (number, pair) in (1..).zip(comparison["pairs"].as_array().unwrap()) {
+        let angle = f64::from(2 * number - 1) * std::f64::consts::PI / 26.0;
+        let expected = 2.0 * (1e6_f64 / 2e3).sqrt() * angle.sin() / std::f64::consts::TAU;
+        assert!((pair["model_hz"].as_f64().unwrap() / expected - 1.0).abs() < 1e-9, "{pair}");
+    }
+    let heights: Vec<f64> = comparison["by_height"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|level| level["elevation_m"].as_f64().unwrap())
+        .collect();
+    assert_eq!(heights, [6.0, 18.0], "millimetres of the deck are metres here");
+    belfry_command().args(["report", path]).assert().success();
+    let file = folder.path().join("study.toml");
+    fs::write(&file, study.replace(", 0.001]", "]")).unwrap();
+    belfry_command().args(["compare", path]).assert().failure().stderr(contains("may have a factor"));
+    fs::write(&file, study.replace("[\"pynastran_grids_16.bdf\", 0.001]", "\"pynastran_grids_16.bdf\"")).unwrap();
+    belfry_command().args(["compare", path]).assert().failure().stderr(contains("are their places in mm?"));
 }
