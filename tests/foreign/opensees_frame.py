@@ -1,5 +1,5 @@
 """A concrete frame of some 2300 degrees of freedom in OpenSees, as a study of Belfry: K and M, one group a storey and one for the core's walls, and the
-modes of a truth in which one group is softer and all differ a little. Needs openseespy, numpy and scipy.
+modes of a truth in which one group is softer and all differ a little. It makes its own virtual environment in target/foreign-models.
 
     python3 tests/foreign/opensees_frame.py FOLDER
 
@@ -8,6 +8,13 @@ K and M come out of OpenSees by the integrator GimmeMCK, so any model that OpenS
 
 import sys
 from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+import environment
+
+environment.enter(
+    Path(__file__).resolve().parents[2] / "target/foreign-models", ["openseespy==3.7.1.2", "numpy==2.4.6", "scipy==1.17.1"]
+)
 
 import numpy as np
 import openseespy.opensees as ops

@@ -22,6 +22,7 @@ mod keys;
 mod link;
 mod model;
 mod next;
+mod opensees;
 mod outcome;
 mod page;
 mod partial;
