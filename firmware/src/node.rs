@@ -5,9 +5,9 @@ use core::ops::DerefMut;
 use belfry_shared::frame;
 use belfry_shared::frame::{END_OF_FRAME, FrameDecoder, FrameError, MAX_FRAME_BYTES, MAX_MESSAGE_BYTES, Opened};
 use belfry_shared::message::{
-    self, Acknowledgement, Again, BoardState, ClockReply, ClockRequest, Configuration, Conversation, Counters, Fault,
-    Fed, FeedPart, Heard, Heartbeat, Hello, HostMessage, InConversation, NodeMessage, Refusal, RefusalReason, Replay,
-    Versions, WindowName,
+    self, Acknowledgement, Again, BoardState, Calibration, ClockReply, ClockRequest, Configuration, Conversation,
+    Counters, Fault, Fed, FeedPart, Heard, Heartbeat, Hello, HostMessage, InConversation, LEAST_PACE_MS, NodeMessage,
+    Pace, Refusal, RefusalReason, Replay, Versions, WindowName,
 };
 use belfry_shared::seal::{Key, Sender, next_counter};
 use belfry_shared::time::{ClockModel, NodeTime};
@@ -55,6 +55,8 @@ struct Pending {
     refusal: Option<Refusal>,
     clock: Option<(ClockRequest, NodeTime)>,
     heartbeat: bool,
+    /// Whether a host has asked for that heartbeat.
+    is_asked_for: bool,
     fed: bool,
 }
 
@@ -153,6 +155,9 @@ pub struct Node<M, K = NoStore> {
     level: LevelMeter,
     /// When the next heartbeat is due; `None` before the node has looked at the time.
     next_heartbeat: Option<NodeTime>,
+    /// Heartbeats that are to come often.
+    pace: Pace,
+    calibration: Option<Calibration>,
     decoder: FrameDecoder,
     damaged_frames: u32,
     /// The host that greeted last; `None` before any has.
@@ -194,6 +199,8 @@ impl<M, K> Node<M, K> {
             memory,
             level: LevelMeter::START,
             next_heartbeat: None,
+            pace: Pace { period_ms: LEAST_PACE_MS, heartbeats: 0 },
+            calibration: None,
             decoder: FrameDecoder::new(),
             damaged_frames: 0,
             conversation: None,
@@ -223,6 +230,7 @@ impl<M, K> Node<M, K> {
                 refusal: None,
                 clock: None,
                 heartbeat: false,
+                is_asked_for: false,
                 fed: false,
             },
             transmitter: Transmitter { frame: [0; MAX_FRAME_BYTES], length: 0, sent: 0 },
@@ -235,6 +243,7 @@ impl<M: DerefMut<Target = Memory>, K: Keeper> Node<M, K> {
     /// it was without supply it cannot know.
     pub fn with_store(identity: Identity, memory: M, store: K) -> Self {
         let mut node = Self::start(identity, memory, store);
+        node.calibration = node.store.calibration();
         if let Some(configuration) = node.store.configuration() {
             node.configure(configuration);
         }
@@ -370,7 +379,32 @@ impl<M: DerefMut<Target = Memory>, K: Keeper> Node<M, K> {
             HostMessage::Replay(replay) => self.start_replay(replay),
             HostMessage::Feed(part) => self.feed(&part),
             HostMessage::EndReplay => self.end_replay(),
+            HostMessage::Pace(pace) => {
+                self.pace = pace;
+                self.next_heartbeat = Some(self.time(now).offset(self.heartbeat_period_us()));
+            }
+            HostMessage::Calibrate(calibration) => {
+                self.store.set_calibration(&calibration);
+                self.calibration = Some(calibration);
+                self.pending.hello = true;
+            }
         }
+    }
+
+    /// Time to the next heartbeat.
+    fn heartbeat_period_us(&self) -> i64 {
+        if self.pace.heartbeats > 0 {
+            1000 * i64::from(self.pace.period_ms.max(LEAST_PACE_MS))
+        } else if self.is_sparing() {
+            SPARING_HEARTBEAT_US
+        } else {
+            HEARTBEAT_US
+        }
+    }
+
+    /// Whether its heartbeats have no bytes for more than the level.
+    fn is_sparing(&self) -> bool {
+        self.plan.as_ref().is_some_and(Plan::is_sparing)
     }
 
     fn refuse(&mut self) {
@@ -565,8 +599,9 @@ impl<M: DerefMut<Target = Memory>, K: Keeper> Node<M, K> {
             Some(due) if now.since(due) < 0 => {}
             Some(_) => {
                 self.pending.heartbeat = true;
-                let is_sparing = self.plan.as_ref().is_some_and(Plan::is_sparing);
-                self.next_heartbeat = Some(now.offset(if is_sparing { SPARING_HEARTBEAT_US } else { HEARTBEAT_US }));
+                self.pending.is_asked_for = self.pace.heartbeats > 0;
+                self.pace.heartbeats = self.pace.heartbeats.saturating_sub(1);
+                self.next_heartbeat = Some(now.offset(self.heartbeat_period_us()));
             }
             None => self.next_heartbeat = Some(now.offset(FIRST_HEARTBEAT_US)),
         }
@@ -605,7 +640,7 @@ impl<M: DerefMut<Target = Memory>, K: Keeper> Node<M, K> {
 
     /// Whether [`transmit`](Self::transmit) has bytes to send.
     pub fn has_bytes(&self) -> bool {
-        let Pending { end_mark, hello, answers: _, refusal, clock, heartbeat, fed } = &self.pending;
+        let Pending { end_mark, hello, answers: _, refusal, clock, heartbeat, is_asked_for: _, fed } = &self.pending;
         self.transmitter.sent < self.transmitter.length
             || *end_mark
             || *hello
@@ -634,7 +669,7 @@ impl<M: DerefMut<Target = Memory>, K: Keeper> Node<M, K> {
 
     /// Makes the most urgent frame that waits and returns its length, 0 if there is none.
     fn next_frame(&mut self, now: NodeTime) -> usize {
-        let oldest_window = self.oldest_window();
+        let (oldest_window, is_sparing) = (self.oldest_window(), self.is_sparing());
         let frame = &mut self.transmitter.frame;
         if core::mem::take(&mut self.pending.end_mark) {
             frame[0] = END_OF_FRAME;
@@ -669,12 +704,13 @@ impl<M: DerefMut<Target = Memory>, K: Keeper> Node<M, K> {
                     .as_ref()
                     .map(|sealing| Counters { said: sealing.counters.said.saturating_add(1), ..sealing.counters }),
                 kept: self.store.kept(),
+                calibration: self.calibration.clone(),
             })
         } else if let Some(refusal) = self.pending.refusal.take() {
             NodeMessage::Refused(refusal)
         } else if core::mem::take(&mut self.pending.heartbeat) {
-            // Densities leave no bytes for more than the level.
-            let is_sparing = self.plan.as_ref().is_some_and(Plan::is_sparing);
+            // Densities leave no bytes for more than the level, unless it was asked for.
+            let is_sparing = is_sparing && !self.pending.is_asked_for;
             let Levels { level, variance, mean, sensors } =
                 self.level.take(self.plan.as_ref().map_or(0, Plan::channels));
             NodeMessage::Heartbeat(Heartbeat {

@@ -74,15 +74,9 @@ impl<S: SpiDevice> Fetcher<S> {
         }
     }
 
-    /// Whether there is a sensor to be started anew: [`take_lost`](Self::take_lost) takes longer.
-    #[inline]
-    pub fn has_lost(&self) -> bool {
-        self.sensor.is_some() && (self.temperature_centi_c.is_none() || self.stale_in_a_row >= MOST_STALE)
-    }
-
     /// The bus of a sensor that no longer answers, or takes no samples: it may have lost its supply, or the wire to its DRDY pin.
     pub fn take_lost(&mut self) -> Option<S> {
-        if !self.has_lost() {
+        if self.temperature_centi_c.is_some() && self.stale_in_a_row < MOST_STALE {
             return None;
         }
         self.temperature_centi_c = None;

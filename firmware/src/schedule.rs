@@ -1,5 +1,6 @@
 //! The schedule: which decimated samples make the next window, so that all nodes' windows start on one grid of host time.
 
+use belfry_shared::division::{quotient, quotient_rounded_down, quotient_towards_zero};
 use belfry_shared::message::Configuration;
 use belfry_shared::time::{ClockModel, HostTime, NodeTime, WindowGrid};
 
@@ -44,15 +45,18 @@ impl Schedule {
     /// How far `time` is from the nearest multiple of the decimated period, in ps: decimated samples centred on such
     /// multiples put windows on the grid without a remainder.
     pub(crate) fn phase_ps(&self, time: HostTime) -> i64 {
-        let period = i128::from(self.period_ps.max(1));
-        let half = period / 2;
-        ((i128::from(time.0) * 1_000_000 + half).rem_euclid(period) - half) as i64
+        let period = self.period_ps.max(1);
+        let half = i128::from(period / 2);
+        let since_half = i128::from(time.0) * 1_000_000 + half;
+        let remainder = since_half - quotient_rounded_down(since_half, period) * i128::from(period);
+        (remainder - half) as i64
     }
 
     /// The first window that starts no earlier than sample `earliest` (to within half a decimated period).
     pub(crate) fn first(&self, clock: &ClockModel, moment: SampleMoment, earliest: u64) -> WindowSpan {
         let samples = i128::from(earliest) - i128::from(moment.index);
-        let ahead_us = (samples * i128::from(self.period_ps) - i128::from(self.period_ps / 2)) / 1_000_000;
+        let ahead_ps = samples * i128::from(self.period_ps) - i128::from(self.period_ps / 2);
+        let ahead_us = quotient_towards_zero(ahead_ps, 1_000_000);
         let time = HostTime(clock.host_time(moment.time).0.saturating_add(ahead_us as i64));
         self.window(clock, moment, self.grid.first_at_or_after(time))
     }
@@ -62,9 +66,9 @@ impl Schedule {
         let here = clock.host_time(moment.time);
         let ahead_host_ps = (i128::from(self.grid.start(grid_index).0) - i128::from(here.0)) * 1_000_000;
         // Samples are a period of the node's clock apart.
-        let ahead_ps = ahead_host_ps - ahead_host_ps * i128::from(clock.drift_ppb) / 1_000_000_000;
-        let period = i128::from(self.period_ps.max(1));
-        let samples = (ahead_ps + period / 2).div_euclid(period);
+        let ahead_ps = ahead_host_ps - drifted(ahead_host_ps, clock);
+        let period = self.period_ps.max(1);
+        let samples = quotient_rounded_down(ahead_ps + i128::from(period / 2), period);
         WindowSpan { grid_index, start: moment.index.saturating_add_signed(samples as i64) }
     }
 
@@ -81,17 +85,22 @@ impl Schedule {
     ) -> i32 {
         let samples = i128::from(moment.index) - i128::from(span.start) - (segment / 2) as i128;
         let node_ps = samples * i128::from(self.period_ps);
-        let host_ps = node_ps + node_ps * i128::from(clock.drift_ppb) / 1_000_000_000;
-        let middle_us = i128::from(clock.host_time(moment.time).0) - host_ps / 1_000_000;
+        let host_ps = node_ps + drifted(node_ps, clock);
+        let middle_us = i128::from(clock.host_time(moment.time).0) - quotient_towards_zero(host_ps, 1_000_000);
         // Windows overlap by half: a middle is where the next window starts.
         let due_us = i128::from(self.grid.start(span.grid_index + 1).0);
         (middle_us - due_us).clamp(i128::from(i32::MIN), i128::from(i32::MAX)) as i32
     }
 }
 
+/// What a clock gathers over so many ps.
+fn drifted(ps: i128, clock: &ClockModel) -> i128 {
+    quotient_towards_zero(ps * i128::from(clock.drift_ppb), 1_000_000_000)
+}
+
 /// The duration of `rows` sampling periods in ps.
 pub(crate) fn rows_to_ps(rows: u64, sampling_rate_uhz: u64) -> u64 {
-    let ps = u128::from(rows) * 1_000_000_000_000_000_000 / u128::from(sampling_rate_uhz.max(1));
+    let ps = quotient(u128::from(rows) * 1_000_000_000_000_000_000, u128::from(sampling_rate_uhz.max(1)));
     u64::try_from(ps).unwrap_or(u64::MAX)
 }
 

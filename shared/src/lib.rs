@@ -10,6 +10,7 @@ extern crate std;
 
 pub mod adxl355;
 pub mod decimation;
+pub mod division;
 pub mod frame;
 pub mod message;
 pub mod quantise;

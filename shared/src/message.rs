@@ -64,6 +64,12 @@
 //! window on the grid of host time ([`crate::time::WindowGrid`]), and host and node exchange windows, acknowledgements and clock
 //! readings.
 //!
+//! # Calibration
+//! A host finds out what a node's axes read at rest, with the node laid on its faces: by [`HostMessage::Pace`] it asks for heartbeats every second or so,
+//! which have the mean and the variance of each channel. What it finds it tells the node ([`HostMessage::Calibrate`]), which says it in every `Hello`,
+//! and keeps it over restarts where it has a store. The node never applies it: windows hold what the sensor says, and hosts multiply by what the
+//! study says, once.
+//!
 //! # Keys
 //! A node may have a key, which its host has too. Every frame of both then carries a seal ([`crate::seal`]), made for the node's boot id and with a
 //! counter that only rises, and an end takes nothing without one:
@@ -90,6 +96,7 @@
 //! decimated sampling rate over the segment's length.
 
 mod acknowledgement;
+mod calibration;
 mod clock;
 mod configuration;
 #[cfg(test)]
@@ -107,6 +114,7 @@ mod window;
 use serde::{Deserialize, Serialize};
 
 pub use acknowledgement::{Acknowledgement, Again, MAX_AGAIN};
+pub use calibration::{AxisCalibration, Calibration, LEAST_PACE_MS, Pace};
 pub use clock::{ClockReply, ClockRequest};
 pub use configuration::{Band, Configuration, MAX_BANDS, MAX_CHANNELS, Refusal, RefusalReason, Summary};
 pub use greeting::Greeting;
@@ -181,6 +189,10 @@ pub enum HostMessage {
     EndReplay,
     /// Asks for a [`Hello`], and changes nothing.
     Ask(Versions),
+    /// Asks for heartbeats that come often for a while, whatever the node's summary is with variance and mean.
+    Pace(Pace),
+    /// Tells the node what its axes read at rest, for it to keep; a [`Hello`] that has it answers.
+    Calibrate(Calibration),
 }
 
 /// The number of a conversation of a host with a node, drawn at random for each.
@@ -256,6 +268,8 @@ impl Readable<'_> for InConversation {
             6 => HostMessage::Feed(growth::read(body)?),
             7 => HostMessage::EndReplay,
             8 => HostMessage::Ask(growth::read(body)?),
+            9 => HostMessage::Pace(growth::read(body)?),
+            10 => HostMessage::Calibrate(growth::read(body)?),
             kind => return Err(FrameError::Unknown { kind }),
         };
         Ok(Self { conversation: Conversation(conversation), message })

@@ -7,6 +7,8 @@ use core::time::Duration;
 
 use serde::{Deserialize, Serialize};
 
+use crate::division::{quotient, quotient_towards_zero};
+
 /// Host time in microseconds since the host's epoch (the Unix epoch on a live host, the recording's epoch when a
 /// recording is replayed).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -53,7 +55,7 @@ impl ClockModel {
     /// The host's time at a moment on the node's clock.
     pub fn host_time(&self, node: NodeTime) -> HostTime {
         let elapsed = node.since(self.node);
-        let drift = i128::from(elapsed) * i128::from(self.drift_ppb) / 1_000_000_000;
+        let drift = quotient_towards_zero(i128::from(elapsed) * i128::from(self.drift_ppb), 1_000_000_000);
         HostTime(self.host.0.saturating_add(elapsed).saturating_add(drift as i64))
     }
 }
@@ -73,11 +75,8 @@ impl WindowGrid {
     /// Start of a window in host time.
     pub fn start(&self, index: u64) -> HostTime {
         let samples = u128::from(index) * u128::from(self.hop_samples);
-        let microseconds = samples
-            .saturating_mul(1_000_000_000_000)
-            .saturating_add(u128::from(self.sampling_rate_uhz / 2))
-            .checked_div(u128::from(self.sampling_rate_uhz))
-            .unwrap_or(0);
+        let periods = samples.saturating_mul(1_000_000_000_000).saturating_add(u128::from(self.sampling_rate_uhz / 2));
+        let microseconds = quotient(periods, u128::from(self.sampling_rate_uhz));
         HostTime(i64::try_from(microseconds).unwrap_or(i64::MAX))
     }
 
@@ -85,7 +84,7 @@ impl WindowGrid {
     pub fn first_at_or_after(&self, time: HostTime) -> u64 {
         let Ok(microseconds) = u128::try_from(time.0) else { return 0 };
         let hop = u128::from(self.hop_samples) * 1_000_000_000_000;
-        let below = (microseconds * u128::from(self.sampling_rate_uhz)).checked_div(hop).unwrap_or(0);
+        let below = quotient(microseconds * u128::from(self.sampling_rate_uhz), hop);
         let below = u64::try_from(below).unwrap_or(u64::MAX);
         // Starts are rounded to a microsecond, so the quotient can be one short of a start that equals `time`.
         if self.start(below) < time { below.saturating_add(1) } else { below }

@@ -1,5 +1,7 @@
 //! The node from outside: bytes and samples in, frames out.
 
+mod calibration;
+
 use super::*;
 use crate::listening::listen;
 use belfry_shared::decimation::Stages;

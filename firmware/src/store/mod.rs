@@ -17,7 +17,7 @@ mod spi;
 #[cfg(test)]
 mod tests;
 
-use belfry_shared::message::{Again, Configuration, Kept};
+use belfry_shared::message::{Again, Calibration, Configuration, Kept};
 use belfry_shared::time::HostTime;
 use heapless::Vec;
 
@@ -112,6 +112,16 @@ pub trait Keeper {
     /// Takes note of what the node measures.
     fn set_configuration(&mut self, configuration: &Configuration) {
         let _ = configuration;
+    }
+
+    /// What a host has found out about the node's axes.
+    fn calibration(&self) -> Option<Calibration> {
+        None
+    }
+
+    /// Takes note of that.
+    fn set_calibration(&mut self, calibration: &Calibration) {
+        let _ = calibration;
     }
 
     /// Takes note of the time.
@@ -443,6 +453,17 @@ impl<C: Chip> Keeper for Store<C> {
     fn set_configuration(&mut self, configuration: &Configuration) {
         if self.state.configuration.as_ref() != Some(configuration) {
             self.state.configuration = Some(configuration.clone());
+            self.is_state_due = true;
+        }
+    }
+
+    fn calibration(&self) -> Option<Calibration> {
+        self.state.calibration.clone()
+    }
+
+    fn set_calibration(&mut self, calibration: &Calibration) {
+        if self.state.calibration.as_ref() != Some(calibration) {
+            self.state.calibration = Some(calibration.clone());
             self.is_state_due = true;
         }
     }

@@ -4,7 +4,7 @@
 //! record says the sequence number of its sector, so that what is left of a sector's earlier use is never taken for a record of the present one.
 
 use belfry_shared::frame::{MAX_MESSAGE_BYTES, crc32};
-use belfry_shared::message::Configuration;
+use belfry_shared::message::{Calibration, Configuration};
 use belfry_shared::time::HostTime;
 
 /// Marks a sector of a store of this layout.
@@ -112,40 +112,51 @@ pub(super) struct State {
     pub(super) time: Option<HostTime>,
     /// What the node measures.
     pub(super) configuration: Option<Configuration>,
+    /// What a host has found out about its axes. It is stored behind the configuration, without which there is no measuring it either.
+    pub(super) calibration: Option<Calibration>,
 }
 
 /// Bytes of a state in front of its configuration.
 const STATE_BYTES: usize = 16;
-/// Most bytes of a state: a configuration takes 70.
-pub(super) const MAX_STATE_BYTES: usize = STATE_BYTES + 80;
+/// Most bytes of a state: a configuration takes 70, a calibration 71.
+pub(super) const MAX_STATE_BYTES: usize = STATE_BYTES + 80 + 80;
 /// In the place of the time: it was not known.
 const NO_TIME: i64 = i64::MIN;
 
 impl State {
     /// Of a first start.
     pub(super) const fn new(boot: u32) -> Self {
-        Self { done: Key { boot, window: 0 }, time: None, configuration: None }
+        Self { done: Key { boot, window: 0 }, time: None, configuration: None, calibration: None }
     }
 
     /// Writes it to `buffer`; its bytes.
     pub(super) fn write<'b>(&self, buffer: &'b mut [u8; MAX_STATE_BYTES]) -> &'b [u8] {
         let time = self.time.map_or(NO_TIME, |time| time.0);
         put_words(buffer, &[self.done.boot, self.done.window, time as u32, (time >> 32) as u32]);
-        let configuration = self.configuration.as_ref().zip(buffer.get_mut(STATE_BYTES..));
-        let length =
-            configuration.and_then(|(configuration, buffer)| configuration.bytes(buffer)).map_or(0, <[u8]>::len);
-        buffer.get(..STATE_BYTES + length).unwrap_or(&[])
+        let mut length = STATE_BYTES;
+        if let Some(configuration) = &self.configuration {
+            let mut put = |encode: &dyn Fn(&mut [u8]) -> Option<usize>| {
+                length += buffer.get_mut(length..).and_then(encode).unwrap_or(0);
+            };
+            put(&|rest| configuration.bytes(rest).map(<[u8]>::len));
+            if let Some(calibration) = &self.calibration {
+                put(&|rest| postcard::to_slice(calibration, rest).ok().map(|bytes| bytes.len()));
+            }
+        }
+        buffer.get(..length).unwrap_or(&[])
     }
 
     /// Reads one.
     pub(super) fn read(content: &[u8]) -> Option<Self> {
-        let (fields, configuration) = content.split_at_checked(STATE_BYTES)?;
+        let (fields, rest) = content.split_at_checked(STATE_BYTES)?;
         let [boot, window, low, high] = words(fields);
+        let (configuration, rest) = postcard::take_from_bytes(rest).ok().unzip();
         let time = i64::from(high as i32) << 32 | i64::from(low);
         Some(Self {
             done: Key { boot, window },
             time: Some(HostTime(time)).filter(|time| time.0 != NO_TIME),
-            configuration: Configuration::read(configuration),
+            configuration,
+            calibration: rest.and_then(|rest| postcard::from_bytes(rest).ok()),
         })
     }
 }

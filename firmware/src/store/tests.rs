@@ -1,6 +1,7 @@
 //! The store on a simulated chip whose supply fails at every byte that it writes.
 
 use super::*;
+use belfry_shared::message::{AxisCalibration, MAX_CHANNELS};
 use proptest::prelude::*;
 use std::collections::BTreeMap;
 use std::{vec, vec::Vec};
@@ -26,6 +27,12 @@ fn open(memory: Vec<u8>, technology: Technology) -> TestStore {
 fn part_of(boot: u32, window: u32, part: u16, length: usize) -> Vec<u8> {
     let name = [&boot.to_le_bytes()[..], &window.to_le_bytes(), &part.to_le_bytes()].concat();
     (0..length).map(|n| name.get(n).copied().unwrap_or((7 * window + 3 * u32::from(part) + n as u32) as u8)).collect()
+}
+
+/// The longest there is.
+fn calibration() -> Calibration {
+    let axis = AxisCalibration { gain_ppm: i32::MIN, gain_std_ppm: u32::MAX, offset_um_s2: i32::MIN };
+    Calibration { time: HostTime(i64::MIN), axes: heapless::Vec::from_slice(&[axis; MAX_CHANNELS]).unwrap() }
 }
 
 fn everything() -> Again {
@@ -106,6 +113,7 @@ fn windows_configuration_and_time_outlast_a_cut_and_boots_count_up() {
         assert_eq!((store.boot(), store.configuration()), (FIRST_BOOT, None));
         assert_eq!(store.kept(), Some(Kept { last_time: None, boot: FIRST_BOOT, oldest_window: 0, next_window: 0 }));
         store.set_configuration(&configuration());
+        store.set_calibration(&calibration());
         store.set_time(HostTime(1_000_000));
         assert_eq!(put_windows(&mut store, 0..4), 4);
         assert_eq!(store.oldest_window(), Some(0));
@@ -115,6 +123,7 @@ fn windows_configuration_and_time_outlast_a_cut_and_boots_count_up() {
         let mut store = open(store.release().release(), technology);
         let boot = FIRST_BOOT + 1;
         assert_eq!((store.boot(), store.configuration()), (boot, Some(configuration())));
+        assert_eq!(store.calibration(), Some(calibration()));
         let kept = Kept { last_time: Some(HostTime(1_000_000)), boot: FIRST_BOOT, oldest_window: 1, next_window: 4 };
         assert_eq!((store.kept(), store.oldest_window()), (Some(kept), None));
         assert_holds(&mut store, FIRST_BOOT, 1..4);
@@ -229,6 +238,7 @@ struct Before {
 fn filled(technology: Technology, sectors: u32, windows: u32) -> Before {
     let mut store = open(blank(sectors), technology);
     store.set_configuration(&configuration());
+    store.set_calibration(&calibration());
     assert_eq!(put_windows(&mut store, 0..windows), windows);
     let oldest = store.oldest_window().unwrap_or(0);
     Before { boot: store.boot(), oldest, next: windows, memory: store.release().release() }
@@ -251,7 +261,7 @@ fn cut_once(before: &Before, technology: Technology, windows: u32, steps: u64, n
     let mut store = open(store.release().release(), technology);
     // Where the start was not stored whole, nobody has heard of its boot id.
     assert!(store.boot() == boot || store.boot() == boot.wrapping_add(1), "{}", store.boot());
-    assert_eq!(store.configuration(), Some(configuration()));
+    assert_eq!((store.configuration(), store.calibration()), (Some(configuration()), Some(calibration())));
     let mut held = BTreeMap::new();
     while let Some(kept) = store.kept().filter(Kept::has_windows) {
         assert_holds(&mut store, kept.boot, kept.oldest_window..kept.next_window);

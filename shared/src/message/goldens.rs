@@ -61,6 +61,7 @@ pub(super) fn hello() -> Hello {
         fault: Some(Fault { address: 0x0800_0123, ..Fault::from(FaultKind::HardFault) }),
         counters: Some(Counters { said: 300, heard: 2 }),
         kept: None,
+        calibration: None,
     }
 }
 
@@ -119,6 +120,16 @@ fn grown_hello() -> Hello {
     Hello { fault, ..hello() }
 }
 
+/// Of a node that was calibrated.
+pub(super) fn hello_with_calibration() -> Hello {
+    Hello { calibration: Some(calibration()), ..grown_hello() }
+}
+
+pub(super) fn calibration() -> Calibration {
+    let axis = AxisCalibration { gain_ppm: -300, gain_std_ppm: 200, offset_um_s2: 1 };
+    Calibration { time: HostTime(64), axes: Vec::from_slice(&[axis]).unwrap() }
+}
+
 const HELLO_3: &str = "00 02 ef 9b af cd f8 ac d1 91 01 03 87 e0 02 04 01 01 01 ab 02 00 01 01 a3 82 80 40 00";
 const HELLO_5: &str =
     "00 05 c2 c1 fc d3 f5 9a 8c cd 07 03 87 e0 02 04 01 01 01 ab 02 ad 02 00 01 01 02 03 04 01 01 a3 82 80 40 00";
@@ -129,7 +140,7 @@ const HEARTBEAT_5: &str = "03 03 87 e0 02 ad 02 ab 02 00 01 06 01 00 00 00 3f 01
 const HEARTBEAT_6: &str =
     "03 03 87 e0 02 ad 02 ab 02 00 01 06 01 00 00 00 3f 01 01 02 0a ac 02 c8 01 04 90 03 01 01 05 07 08";
 
-const HELLO_6_GROWN: &str = "00 06 06 03 87 e0 02 01 01 02 03 04 01 01 02 03 04 04 01 01 01 ab 02 ad 02 00 0f 01 a3 82 80 40 00 81 84 80 40 80 84 02 01 04 01 ac 02 02";
+const HELLO_6_GROWN: &str = "00 06 06 03 87 e0 02 01 01 02 03 04 01 01 02 03 04 04 01 01 01 ab 02 ad 02 00 0f 01 a3 82 80 40 00 81 84 80 40 80 84 02 01 04 01 ac 02 02 00";
 const HEARTBEAT_6_GROWN: &str = "03 03 87 e0 02 ad 02 ab 02 00 01 06 01 00 00 00 3f 01 01 02 0e ac 02 c8 01 04 90 03 01 01 05 01 8f 4e 19 07 08 ac 02 01 00 00 00 3f 01 c0 b8 02";
 
 /// What a node says in the same bytes since version 3.
@@ -196,11 +207,14 @@ fn said(message: HostMessage) -> InConversation {
 fn golden_messages_of_version_6() {
     let mut of_nodes = unchanged_of_nodes();
     of_nodes.push((NodeMessage::Hello(grown_hello()), HELLO_6_GROWN));
+    let calibrated = std::format!("{HELLO_6_GROWN} 08 80 01 01 d7 04 c8 01 02");
+    of_nodes.push((NodeMessage::Hello(hello_with_calibration()), &calibrated));
     of_nodes.push((NodeMessage::Heartbeat(grown_heartbeat()), HEARTBEAT_6_GROWN));
     // What version 6 began with, and nodes of that release still say.
     let with_store = std::format!("{HELLO_6} 07 01 02 86 e0 02 07 09");
     for (message, golden) in [
         (NodeMessage::Hello(hello()), HELLO_6),
+        (NodeMessage::Hello(grown_hello()), HELLO_6_GROWN.strip_suffix(" 00").unwrap()),
         (NodeMessage::Hello(hello_with_store()), &with_store),
         (NodeMessage::Heartbeat(heartbeat()), HEARTBEAT_6),
     ] {
@@ -213,6 +227,8 @@ fn golden_messages_of_version_6() {
     let mut of_hosts = unchanged_of_hosts();
     of_hosts.push((HostMessage::Greet(Greeting { versions: VERSIONS, counter: 300 }), "00 05 06 ac 02"));
     of_hosts.push((HostMessage::Ask(VERSIONS), "08 05 06"));
+    of_hosts.push((HostMessage::Pace(Pace { period_ms: 1000, heartbeats: 300 }), "09 e8 07 ac 02"));
+    of_hosts.push((HostMessage::Calibrate(calibration()), "0a 80 01 01 d7 04 c8 01 02"));
     for (message, golden) in of_hosts {
         let (golden, message) = (std::format!("01 02 03 04 {golden}"), said(message));
         assert_eq!(hex(&encoded(&message)), golden);

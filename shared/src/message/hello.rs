@@ -3,7 +3,7 @@
 use heapless::{String, Vec};
 use serde::{Deserialize, Serialize};
 
-use super::{Conversation, growth};
+use super::{Calibration, Conversation, growth};
 use crate::frame::PROTOCOL_VERSION;
 use crate::time::HostTime;
 
@@ -78,10 +78,13 @@ pub struct Hello {
     pub fault: Option<Fault>,
     /// How far sealed frames have been counted; `None` of a node without a key.
     pub counters: Option<Counters>,
-    /// What it has kept over restarts; `None` of a node without a store. Nodes without one say nothing here, as before there were
-    /// stores; once another field stands behind this one, they have to.
-    #[serde(default, skip_serializing_if = "Option::is_none", with = "growth::optional")]
+    /// What it has kept over restarts; `None` of a node without a store.
+    #[serde(default, with = "growth::optional")]
     pub kept: Option<Kept>,
+    /// What a host has found out about its axes; `None` before any has. Nodes without one say nothing here, as before there were
+    /// calibrations; once another field stands behind this one, they have to.
+    #[serde(default, skip_serializing_if = "Option::is_none", with = "growth::optional")]
+    pub calibration: Option<Calibration>,
 }
 
 /// What a node with a store has kept from before its last start.

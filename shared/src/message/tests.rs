@@ -1,6 +1,6 @@
 //! How messages grow, and round trips of every message.
 
-use super::goldens::{CONVERSATION, configuration, encoded, heartbeat, hello_with_store};
+use super::goldens::{CONVERSATION, calibration, configuration, encoded, heartbeat, hello_with_calibration};
 use super::*;
 use crate::time::{HostTime, NodeTime};
 use heapless::{String, Vec};
@@ -39,7 +39,7 @@ fn grown(message: &impl Serialize) -> StdVec<u8> {
 #[test]
 fn fields_that_a_later_version_adds_are_left_unread() {
     for message in [
-        NodeMessage::Hello(hello_with_store()),
+        NodeMessage::Hello(hello_with_calibration()),
         NodeMessage::Heartbeat(heartbeat()),
         NodeMessage::Fed(Fed { next_row: 9 }),
     ] {
@@ -253,6 +253,7 @@ fn node_message(code: &[u8]) -> impl Strategy<Value = NodeMessage<'_>> {
                             oldest_window,
                             next_window: oldest_window.wrapping_add(u32::from(channels)),
                         }),
+                        calibration: replaying.then(calibration),
                     })
                 }
             ),
@@ -322,6 +323,21 @@ fn node_message(code: &[u8]) -> impl Strategy<Value = NodeMessage<'_>> {
     ]
 }
 
+fn of_calibrations() -> impl Strategy<Value = HostMessage> {
+    prop_oneof![
+        any::<(u8, u8)>().prop_map(|(lowest, highest)| HostMessage::Ask(Versions { lowest, highest })),
+        any::<(u32, u16)>().prop_map(|(period_ms, heartbeats)| HostMessage::Pace(Pace { period_ms, heartbeats })),
+        (any::<i64>(), heapless(any::<(i32, u32, i32)>())).prop_map(|(time, axes): (i64, Vec<_, MAX_CHANNELS>)| {
+            let axis = |&(gain_ppm, gain_std_ppm, offset_um_s2): &(i32, u32, i32)| AxisCalibration {
+                gain_ppm,
+                gain_std_ppm,
+                offset_um_s2,
+            };
+            HostMessage::Calibrate(Calibration { time: HostTime(time), axes: axes.iter().map(axis).collect() })
+        }),
+    ]
+}
+
 fn host_message() -> impl Strategy<Value = HostMessage> {
     let summary = prop_oneof![
         any::<u8>().prop_map(|bits| Summary::Lines { bits }),
@@ -339,7 +355,7 @@ fn host_message() -> impl Strategy<Value = HostMessage> {
             versions: Versions { lowest, highest },
             counter
         })),
-        any::<(u8, u8)>().prop_map(|(lowest, highest)| HostMessage::Ask(Versions { lowest, highest })),
+        of_calibrations(),
         any::<i64>().prop_map(|start| HostMessage::Replay(Replay { start: HostTime(start) })),
         (any::<u64>(), heapless(finite()))
             .prop_map(|(first_row, readings)| HostMessage::Feed(FeedPart { first_row, readings })),

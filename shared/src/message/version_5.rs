@@ -90,6 +90,7 @@ impl From<Hello> for super::Hello {
             }),
             counters: None,
             kept: None,
+            calibration: None,
         }
     }
 }

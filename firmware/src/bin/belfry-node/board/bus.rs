@@ -64,7 +64,7 @@ impl Wires {
 
 /// What is selected by pin `N` of port B.
 ///
-/// The sampling interrupt uses the sensor, and the loop does only while the interrupt has none. The loop uses another device only with that
+/// The interrupt that fetches samples uses the sensor, and the loop does only while the interrupt has none. The loop uses another device only with that
 /// interrupt held back. So a transaction is over before the next begins.
 pub(crate) struct Device<const N: u8> {
     wires: &'static Wires,

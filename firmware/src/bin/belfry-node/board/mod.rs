@@ -1,11 +1,13 @@
 //! The board: its parts, and the loop that gives the node rows, bytes and time.
 //!
-//! Interrupts only move data: the timer's reads the sensor into a queue of rows ([`sampler`]), the serial port's moves bytes
-//! between the line and its queues ([`port`]). The loop below does all the work, a step at a time, and delays no sample: the
-//! timer's interrupt goes before all others, and the few critical sections are some instructions long. A memory chip on the sensor's bus is used
+//! Interrupts only move data: the timer's notes when a sample was taken, another reads it out of the sensor into a queue of rows ([`sampler`]), the
+//! serial port's moves bytes between the line and its queues ([`port`]). They go before each other in this order: timer, serial port, sensor, as
+//! the sensor's lasts longest and can wait longest. The loop below does all the work, a step at a time, and delays no sample: the few critical
+//! sections are some instructions long, and what uses the sensor's bus holds only the sensor's interrupt back. A memory chip on that bus is used
 //! only while there is time before the next sample. Every wait has a deadline of its own, and the watchdog covers the rest.
 
 pub(crate) mod bus;
+mod held;
 mod identity;
 mod last_words;
 #[cfg(feature = "store")]
@@ -79,13 +81,15 @@ fn run() -> ! {
     core.SYST.clear_current();
     core.SYST.enable_counter();
     core.SYST.enable_interrupt();
-    // SAFETY: all that the interrupts use has been set up; sampling goes before everything else.
+    // SAFETY: all that the interrupts use has been set up. The chip has the upper four bits of a priority (RM0390, "Nested vectored interrupt controller").
     unsafe {
         core.NVIC.set_priority(pac::Interrupt::TIM2, 0);
         core.NVIC.set_priority(pac::Interrupt::USART2, 0x10);
-        core.SCB.set_priority(SystemHandler::SysTick, 0x20);
-        cortex_m::peripheral::NVIC::unmask(pac::Interrupt::TIM2);
-        cortex_m::peripheral::NVIC::unmask(pac::Interrupt::USART2);
+        core.NVIC.set_priority(held::FETCH, 0x20);
+        core.SCB.set_priority(SystemHandler::SysTick, 0x30);
+        for interrupt in [pac::Interrupt::TIM2, pac::Interrupt::USART2, held::FETCH] {
+            cortex_m::peripheral::NVIC::unmask(interrupt);
+        }
     }
 
     // SAFETY: this function runs once and never returns, and nothing else names MEMORY.

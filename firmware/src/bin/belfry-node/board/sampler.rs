@@ -1,8 +1,9 @@
 //! Sampling: TIM2 gives the sensor its synchronisation pulse and the processor its interrupt, so that nothing in the program
 //! moves a sample in time.
 //!
-//! The interrupt goes before all others and only fetches the sample. Every heartbeat reports its longest delay: after half a
-//! period the sensor would have made its next sample already.
+//! The timer's interrupt goes before all others, takes some hundred instructions, and asks for the one that fetches the sample. That goes after the
+//! serial port's: a fetch takes some 20 µs on the bus, and the sample waits in the sensor until half a period after its pulse. Every heartbeat
+//! reports the timer's longest delay, and the longest time until a sample was fetched.
 
 use core::cell::RefCell;
 
@@ -16,6 +17,7 @@ use stm32f4xx_hal::pac::{TIM2, interrupt};
 use stm32f4xx_hal::rcc::{Enable, Rcc, Reset};
 
 use super::bus::Delay;
+use super::held::{FETCH, Held};
 use super::ticks;
 use super::timekeeping::Timekeeping;
 use crate::Bus;
@@ -25,21 +27,29 @@ const ROWS: usize = 28;
 /// Time between looks for an absent sensor, in µs.
 const LOOK_AGAIN_US: i64 = 2_000_000;
 
-/// What the interrupt has.
-struct Shared {
-    fetcher: Fetcher<Bus>,
-    rows: Producer<'static, Row>,
+/// What the timer's interrupt has.
+struct Timing {
     period: Period,
     timekeeping: Timekeeping,
+    /// When the last one came.
+    pulse: NodeTime,
+}
+
+static TIMING: Mutex<RefCell<Option<Timing>>> = Mutex::new(RefCell::new(None));
+
+/// Works with what the timer's interrupt has. No interrupt comes meanwhile, so the work is to be short.
+fn with_timing<T>(work: impl FnOnce(&mut Timing) -> T) -> Option<T> {
+    critical_section::with(|section| TIMING.borrow_ref_mut(section).as_mut().map(work))
+}
+
+/// What the interrupt that fetches has.
+struct Fetching {
+    fetcher: Fetcher<Bus>,
+    rows: Producer<'static, Row>,
     longest_fetch_us: u32,
 }
 
-static SHARED: Mutex<RefCell<Option<Shared>>> = Mutex::new(RefCell::new(None));
-
-/// Works with what the interrupt has, which does not come meanwhile.
-fn with_shared<T>(work: impl FnOnce(&mut Shared) -> T) -> Option<T> {
-    critical_section::with(|section| SHARED.borrow_ref_mut(section).as_mut().map(work))
-}
+static FETCHING: Held<Fetching> = Held::new();
 
 /// The sampling period in ticks of the timer, exact on average: a period is a tick longer whenever the fractions left over add
 /// up to one.
@@ -106,14 +116,10 @@ impl Sampler {
         // This function runs once.
         let Some(queue) = queue else { panic!("started twice") };
         let (producer, rows) = queue.split();
-        let shared = Shared {
-            fetcher: Fetcher::NONE,
-            rows: producer,
-            period: Period::default(),
-            timekeeping: Timekeeping::new(is_emulated),
-            longest_fetch_us: 0,
-        };
-        critical_section::with(|section| SHARED.borrow_ref_mut(section).replace(shared));
+        FETCHING.set(Fetching { fetcher: Fetcher::NONE, rows: producer, longest_fetch_us: 0 });
+        let timekeeping = Timekeeping::new(is_emulated);
+        let timing = Timing { period: Period::default(), timekeeping, pulse: ticks::now() };
+        critical_section::with(|section| TIMING.borrow_ref_mut(section).replace(timing));
         let timer_hz = ticks::timer_hz(rcc, is_emulated);
         let pin = Some(PulsePin::Off(pulse));
         Self { timer, timer_hz, rows, rate_uhz: None, pin, bus: Some(bus), looked: None }
@@ -123,7 +129,7 @@ impl Sampler {
     #[cfg(feature = "store")]
     pub(super) fn has_time(&self, us: u32) -> bool {
         // Where counts run on, in the emulator, nothing takes the bus for long.
-        if self.rate_uhz.is_none() || with_shared(|shared| shared.timekeeping.counts_from_zero()) != Some(true) {
+        if self.rate_uhz.is_none() || with_timing(|timing| timing.timekeeping.counts_from_zero()) != Some(true) {
             return true;
         }
         let (end, count) = (self.timer.arr().read().bits(), self.timer.cnt().read().bits());
@@ -142,10 +148,7 @@ impl Sampler {
         let Some(rate) = rate_uhz else { return };
         let mut period = Period::of(rate, self.timer_hz);
         let reload = period.next() - 1;
-        let untold = with_shared(|shared| {
-            shared.period = period;
-            shared.fetcher.set_rate(milli(rate)).err()
-        });
+        let untold = FETCHING.with(|fetching| fetching.fetcher.set_rate(milli(rate)).err());
         if let Some((error, bus)) = untold.flatten() {
             // It may still be in standby; the next look starts it again.
             defmt::warn!("the sensor takes no rate: {}", error);
@@ -156,9 +159,10 @@ impl Sampler {
         let start = self.timer.cnt().read().bits();
         // SAFETY: as above.
         self.timer.arr().write(|w| unsafe { w.bits(reload) });
-        let counts_from_zero = with_shared(|shared| {
-            shared.timekeeping.begin(start, reload);
-            shared.timekeeping.counts_from_zero()
+        let counts_from_zero = with_timing(|timing| {
+            timing.period = period;
+            timing.timekeeping.begin(start, reload);
+            timing.timekeeping.counts_from_zero()
         });
         if counts_from_zero == Some(true) {
             self.timer.egr().write(|w| w.ug().set_bit());
@@ -175,10 +179,7 @@ impl Sampler {
             return;
         }
         self.looked = Some(now);
-        // Samples that come meanwhile wait: the question is short, what follows is not and comes when none are good.
-        if with_shared(|shared| shared.fetcher.has_lost()) == Some(true)
-            && let Some(bus) = with_shared(|shared| shared.fetcher.take_lost()).flatten()
-        {
+        if let Some(bus) = FETCHING.with(|fetching| fetching.fetcher.take_lost()).flatten() {
             self.bus = Some(bus);
         }
         let Some(bus) = self.bus.take() else { return };
@@ -187,7 +188,7 @@ impl Sampler {
         match Adxl355::start(bus, &mut Delay, &mut || ticks::now().0, rate_mhz) {
             Ok(sensor) => {
                 defmt::info!("the sensor answers, its oscillator {} ppm fast", sensor.oscillator_ppm());
-                with_shared(|shared| shared.fetcher.set_sensor(sensor));
+                FETCHING.with(|fetching| fetching.fetcher.set_sensor(sensor));
                 self.set_pulses(true);
             }
             Err((error, bus)) => {
@@ -218,14 +219,14 @@ impl Sampler {
 
     /// The sensor's temperature in units of 0.01 °C, and by how many ppm its oscillator was fast; `None` where there is no sensor.
     pub(super) fn sensor(&self) -> (Option<i16>, Option<i32>) {
-        let told = with_shared(|shared| (shared.fetcher.temperature_centi_c(), shared.fetcher.oscillator_ppm()));
+        let told = FETCHING.with(|Fetching { fetcher, .. }| (fetcher.temperature_centi_c(), fetcher.oscillator_ppm()));
         told.unwrap_or((None, None))
     }
 
     /// Longest delay of an interrupt since the start, in ns, and the longest time until a sample was fetched, in µs.
     pub(super) fn latest(&self) -> (u32, u32) {
-        let told = with_shared(|shared| (shared.timekeeping.latest_ticks(), shared.longest_fetch_us));
-        let (ticks, longest_fetch_us) = told.unwrap_or((0, 0));
+        let ticks = with_timing(|timing| timing.timekeeping.latest_ticks()).unwrap_or(0);
+        let longest_fetch_us = FETCHING.with(|fetching| fetching.longest_fetch_us).unwrap_or(0);
         let ns = u64::from(ticks) * 1_000_000_000 / u64::from(self.timer_hz.max(1));
         (u32::try_from(ns).unwrap_or(u32::MAX), longest_fetch_us)
     }
@@ -242,18 +243,29 @@ fn TIM2() {
     // First of all: anything before it would count as delay.
     let count = timer.cnt().read().bits();
     timer.sr().write(|w| w.uif().clear_bit());
-    with_shared(|shared| {
-        let now = ticks::now();
-        let reload = shared.period.next() - 1;
+    with_timing(|timing| {
+        timing.pulse = ticks::now();
+        let reload = timing.period.next() - 1;
         // Only where it changes: the emulator begins a period with every write.
         if timer.arr().read().bits() != reload {
             // SAFETY: every value is possible; it counts from the next period on.
             timer.arr().write(|w| unsafe { w.bits(reload) });
         }
-        shared.timekeeping.note(count, reload);
-        let row = shared.fetcher.fetch(now.offset(-shared.period.half_us));
-        // If the queue is full, the node misses the row by its time and counts it.
-        let _ = shared.rows.enqueue(row);
-        shared.longest_fetch_us = shared.longest_fetch_us.max(ticks::now().since(now) as u32);
+        timing.timekeeping.note(count, reload);
     });
+    cortex_m::peripheral::NVIC::pend(FETCH);
+}
+
+/// Fetches a sample; the timer's handler asks for it.
+#[interrupt]
+fn SPI2() {
+    let Some((pulse, half_us)) = with_timing(|timing| (timing.pulse, timing.period.half_us)) else { return };
+    let work = |fetching: &mut Fetching| {
+        let row = fetching.fetcher.fetch(pulse.offset(-half_us));
+        // If the queue is full, the node misses the row by its time and counts it.
+        let _ = fetching.rows.enqueue(row);
+        fetching.longest_fetch_us = fetching.longest_fetch_us.max(ticks::now().since(pulse) as u32);
+    };
+    // SAFETY: this is the handler.
+    let _ = unsafe { FETCHING.with_in_handler(work) };
 }
