@@ -3,8 +3,8 @@
 //! Start with [`story`]: a [`story::Project`] opens a study and takes its steps, as the commands of `belfry` do.
 //!
 //! Below it, data goes one way, one folder a step. [`study`] says what stands where and [`record`] reads what was
-//! measured. [`window`] is what a node sends of it, [`link`] talks to the nodes, [`archive`] keeps their windows,
-//! [`keys`] holds their keys, [`collect`] does all of this live, and [`fleet`] simulates nodes. [`spectra`] averages; [`measure`] runs a study through all of
+//! measured. [`window`] is what a node sends of it, [`link`] talks to the nodes, [`archive`] keeps their windows, [`heartbeats`] what they say of themselves,
+//! [`keys`] holds their keys, [`collect`] does all of this live, [`calibrate`] finds out what their axes read, and [`fleet`] simulates nodes. [`spectra`] averages; [`measure`] runs a study through all of
 //! these. [`identify`] makes modes of it, and [`trend`] follows them over the hours. [`modes`] reads modes, its own or
 //! another tool's. [`change`] compares two measurements of one structure. [`compare`] holds a [`model`] against them, [`update`] changes its stiffness matrix until they agree,
 //! [`covalidate`] predicts sensors that it was not shown, and [`diagnose`] says which physical effect it lacks. [`plan`] says before
@@ -15,6 +15,7 @@
 
 pub mod archive;
 mod assignment;
+pub mod calibrate;
 pub mod change;
 pub mod collect;
 mod colour;
@@ -25,6 +26,7 @@ pub mod diagnose;
 pub mod export;
 pub mod files;
 pub mod fleet;
+pub mod heartbeats;
 pub mod identify;
 pub mod keys;
 pub mod link;

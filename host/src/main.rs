@@ -3,8 +3,8 @@
 use std::process::ExitCode;
 
 use belfry_host::command::{
-    Console, add, archive, change, collect, compare, covalidate, demo, diagnose, effects, export, history, identify,
-    init, key, plan, ports, profile, remove, replay, report, serve, simulate, update, watch,
+    Console, add, archive, calibrate, change, collect, compare, covalidate, demo, diagnose, effects, export, history,
+    identify, init, key, plan, ports, profile, remove, replay, report, serve, simulate, update, watch,
 };
 use clap::{Parser, Subcommand};
 
@@ -42,6 +42,7 @@ enum Command {
     Simulate(simulate::Arguments),
     Ports(ports::Arguments),
     Key(key::Arguments),
+    Calibrate(calibrate::Arguments),
     Collect(collect::Arguments),
     Archive(archive::Arguments),
     Replay(replay::Arguments),
@@ -72,6 +73,7 @@ fn main() -> ExitCode {
         Command::Simulate(arguments) => simulate::run(arguments, &console),
         Command::Ports(arguments) => ports::run(arguments, &console),
         Command::Key(arguments) => key::run(arguments, &console),
+        Command::Calibrate(arguments) => calibrate::run(arguments, &console),
         Command::Collect(arguments) => collect::run(arguments, &console),
         Command::Archive(arguments) => archive::run(arguments, &console),
         Command::Replay(arguments) => replay::run(arguments, &console),

@@ -46,6 +46,11 @@ pub struct PruneReport {
 }
 
 impl PruneReport {
+    /// What began before this is dropped.
+    pub fn before(&self) -> HostTime {
+        HostTime(self.before_us)
+    }
+
     /// Windows that are dropped.
     pub fn windows(&self) -> u64 {
         self.nodes.iter().map(|node| node.windows).sum()

@@ -17,6 +17,8 @@ use super::ports::Ports;
 use super::sink::ArchiveSink;
 use super::status::{Gaps, PortStatus};
 use crate::archive::Archive;
+use crate::files::folder_of;
+use crate::heartbeats::HeartbeatLog;
 use crate::link::{Session, SessionError};
 use crate::patience::Patience;
 use crate::window::{Configurations, NodeWindow};
@@ -73,6 +75,9 @@ pub struct Collector<'a> {
     pub(super) archive: Mutex<Archive>,
     /// With an archive that cannot be written for a while.
     pub(super) patience: Mutex<Patience>,
+    pub(super) heartbeats: Mutex<HeartbeatLog>,
+    /// With the file of heartbeats.
+    pub(super) heartbeat_patience: Mutex<Patience>,
     clock: &'a dyn Clock,
     host_clock: HostClock,
     stopped: AtomicBool,
@@ -92,6 +97,8 @@ impl<'a> Collector<'a> {
         let _ = archive.wait_for_others(WAIT);
         Self {
             collection,
+            heartbeats: Mutex::new(HeartbeatLog::new(folder_of(archive.file()))),
+            heartbeat_patience: Mutex::default(),
             archive: Mutex::new(archive),
             patience: Mutex::default(),
             clock,

@@ -9,7 +9,7 @@ use serde::Serialize;
 use super::collector::CollectError;
 use super::status::PortStatus;
 use super::words::Words;
-use crate::archive::{Archive, ArchiveError, Collected, TimeRange};
+use crate::archive::{Archive, ArchiveError, Collected, TimeRange, moment};
 use crate::study::Setup;
 
 /// The end of a collection.
@@ -68,6 +68,8 @@ pub struct PortReport {
     pub level_m_s2: Vec<f32>,
     /// Mean of each channel's readings since the last heartbeat: gravity and offset.
     pub mean_m_s2: Vec<f32>,
+    /// When it was calibrated, of a node that has kept that. It applies nothing of it: study.toml counts.
+    pub calibrated: Option<String>,
     /// Longest time since the node's start that it took to fetch a sample.
     pub longest_fetch_us: u32,
     /// What is wrong with each channel's sensor; nothing where it is sound.
@@ -161,6 +163,7 @@ impl PortReport {
                 .map(|centi_c| f64::from(centi_c) * 0.01),
             level_m_s2: heartbeat.map_or_else(Vec::new, |heartbeat| heartbeat.rms().to_vec()),
             mean_m_s2: heartbeat.map_or_else(Vec::new, |heartbeat| heartbeat.mean_m_s2().to_vec()),
+            calibrated: status.hello.as_ref().and_then(|hello| Some(moment(hello.calibration.as_ref()?.time.0))),
             longest_fetch_us: heartbeat.map_or(0, |heartbeat| heartbeat.board.longest_fetch_us),
             sensors: heartbeat.map_or_else(Vec::new, |heartbeat| heartbeat.sensors.iter().map(wrong).collect()),
             peaks_hz: status.peaks_hz.clone(),

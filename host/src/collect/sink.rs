@@ -2,13 +2,14 @@
 
 use std::io::{self, ErrorKind};
 
-use belfry_shared::message::WindowName;
+use belfry_shared::message::{Heartbeat, WindowName};
 use belfry_shared::time::{HostTime, WindowGrid};
 
 use super::collector::Collector;
 use super::event::Happening;
 use super::lock::lock;
 use crate::archive::{Archive, ArchiveError};
+use crate::heartbeats::KeptHeartbeat;
 use crate::link::with_cause;
 use crate::window::{Configurations, KeptWindows, Loss, NodeWindow, WindowSink};
 
@@ -85,6 +86,30 @@ impl WindowSink for ArchiveSink<'_> {
 
     fn end_before(&mut self, node: u16, boot: u32) -> io::Result<()> {
         self.write(|archive| archive.end_before(node, boot, self.now))
+    }
+
+    /// Heartbeats come again, so that none of them holds windows up: those that cannot be written wait, as long as there is room.
+    fn heartbeat(&mut self, now: HostTime, heartbeat: &Heartbeat) {
+        let collector = self.collector;
+        let mut log = lock(&collector.heartbeats);
+        log.push(&KeptHeartbeat::new(now, heartbeat));
+        let mut patience = lock(&collector.heartbeat_patience);
+        if patience.is_waiting(collector.steady()) {
+            return;
+        }
+        match log.write() {
+            Ok(()) => {
+                if let Some(after) = patience.worked(collector.steady()) {
+                    collector.happened(self.port, None, Happening::ArchiveBack { after });
+                }
+            }
+            Err(error) => {
+                if patience.failed(collector.steady()) {
+                    let reason = format!("{} cannot be written: {error}", log.file().display());
+                    collector.happened(self.port, None, Happening::ArchiveAway { reason });
+                }
+            }
+        }
     }
 
     fn lost(&mut self, loss: &Loss) -> io::Result<()> {

@@ -15,6 +15,7 @@ use super::range::{RangeArguments, duration};
 use super::text::{Columns, in_shell};
 use crate::archive::{Archive, ArchiveError, CheckReport, Damage, DamagedHour, ListedLoss, PruneReport, moment};
 use crate::collect::{Clock, SystemClock};
+use crate::heartbeats::{self, HEARTBEATS_FILE};
 use crate::numbers::{counted, is_or_are};
 use crate::study::Study;
 use crate::window::LossReason;
@@ -103,6 +104,8 @@ struct Pruned<'a> {
     found: &'a PruneReport,
     /// Windows that were dropped, or would be.
     windows: u64,
+    /// Heartbeats from before.
+    heartbeats: u64,
     dry_run: bool,
 }
 
@@ -264,7 +267,12 @@ fn run_prune(arguments: &Prune, console: &Console) -> anyhow::Result<()> {
             is_or_are(windows)
         ));
     }
-    console.json(&Pruned { found: &found, windows, dry_run: arguments.dry_run })
+    let heartbeats = heartbeats::prune(&folder, found.before(), arguments.dry_run)
+        .with_context(|| format!("{} cannot be pruned", folder.join(HEARTBEATS_FILE).display()))?;
+    if heartbeats > 0 {
+        console.say(format!("The same of {} from before.", counted(heartbeats, "heartbeat")));
+    }
+    console.json(&Pruned { found: &found, windows, heartbeats, dry_run: arguments.dry_run })
 }
 
 fn run_export(arguments: &Export, console: &Console) -> anyhow::Result<()> {

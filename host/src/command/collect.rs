@@ -15,6 +15,7 @@ use super::Console;
 use super::interrupt::stop_on_signal;
 use super::text::{in_shell, next_lines};
 use crate::archive::Archive;
+use crate::calibrate::differs;
 use crate::collect::{
     Clock, CollectOptions, Collection, CollectionError, Collector, Report, SystemClock, SystemPorts, all_ports, collect,
 };
@@ -134,6 +135,9 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
             let is_open = status.hello.as_ref().is_some_and(|hello| hello.counters.is_none());
             if is_open && remote.contains(&&status.port) {
                 console.warn(open_to_others(&status.port));
+            }
+            if let Some(other) = status.hello.as_ref().and_then(|hello| differs(setup, hello)) {
+                console.warn(other);
             }
         }
         view.show(statuses, events);

@@ -4,6 +4,7 @@
 
 pub mod add;
 pub mod archive;
+pub mod calibrate;
 pub mod change;
 pub mod collect;
 pub mod compare;

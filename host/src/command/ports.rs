@@ -8,6 +8,7 @@ use comfy_table::{Table, presets::UTF8_FULL_CONDENSED};
 use serde::Serialize;
 
 use super::Console;
+use crate::archive::moment;
 use crate::collect::fault_in_words;
 use crate::link::port::{Port, serial_ports};
 use crate::link::{GreetingError, who_is_there, with_cause};
@@ -42,6 +43,8 @@ struct PortReport {
     node: Option<u16>,
     channels: Option<u8>,
     measuring: bool,
+    /// When it was calibrated, where it has kept that.
+    calibrated: Option<String>,
     last_fault: Option<String>,
     #[serde(skip)]
     fault: Option<Fault>,
@@ -88,6 +91,7 @@ fn ask(name: &str, device: &str, baud: u32) -> PortReport {
         node: None,
         channels: None,
         measuring: false,
+        calibrated: None,
         last_fault: None,
         fault: None,
         problem,
@@ -101,6 +105,7 @@ fn ask(name: &str, device: &str, baud: u32) -> PortReport {
             node: Some(hello.node),
             channels: Some(hello.channels),
             measuring: hello.configuration_hash.is_some() && hello.clock_set,
+            calibrated: hello.calibration.as_ref().map(|calibration| moment(calibration.time.0)),
             last_fault: hello.fault.as_ref().map(ToString::to_string),
             fault: hello.fault,
             ..nobody(None)
@@ -115,6 +120,7 @@ fn table(reports: &[PortReport]) -> Table {
     table.load_style(UTF8_FULL_CONDENSED);
     table.set_header(["port", "device", "node", "channels", "state"]);
     for report in reports {
+        let calibrated = report.calibrated.as_ref().map_or(String::new(), |when| format!("; calibrated on {when}"));
         let state = match (report.node, &report.problem, &report.fault) {
             (_, Some(problem), _) => problem.clone(),
             (Some(_), _, Some(fault)) => fault_in_words(fault),
@@ -128,7 +134,7 @@ fn table(reports: &[PortReport]) -> Table {
             report.device.clone(),
             number(report.node.map(|node| node.to_string())),
             number(report.channels.map(|channels| channels.to_string())),
-            state,
+            state + &calibrated,
         ]);
     }
     table

@@ -7,7 +7,9 @@ mod stages;
 
 use std::io::ErrorKind;
 
-use belfry_shared::message::{ClockReply, Conversation, Heartbeat, Hello, HostMessage, NodeMessage, Summary};
+use belfry_shared::message::{
+    Calibration, ClockReply, Conversation, Heartbeat, Hello, HostMessage, NodeMessage, Pace, Summary,
+};
 use belfry_shared::seal::Key;
 use belfry_shared::time::HostTime;
 
@@ -185,6 +187,16 @@ impl Session {
         self.answered = HostTime(i64::MIN);
     }
 
+    /// Asks for heartbeats at another pace. A node of an earlier release does not know how.
+    pub fn pace(&mut self, pace: Pace) {
+        self.wire.say(&HostMessage::Pace(pace));
+    }
+
+    /// Tells the node what its axes read, for it to keep; its next greeting has it.
+    pub fn calibrate(&mut self, calibration: &Calibration) {
+        self.wire.say(&HostMessage::Calibrate(calibration.clone()));
+    }
+
     /// The node's last greeting.
     pub fn hello(&self) -> Option<&Hello> {
         self.hello.as_ref()
@@ -285,6 +297,7 @@ impl Session {
             NodeMessage::Heartbeat(heartbeat) if heartbeat.node != self.node => self.delivery.contradicted(),
             NodeMessage::Heartbeat(heartbeat) => {
                 self.heartbeat = Some(heartbeat.clone());
+                sink.heartbeat(now, heartbeat);
                 if !self.delivery.holds(heartbeat.boot, heartbeat.oldest_window, heartbeat.next_window) {
                     self.stage = Stage::Greeting;
                 }

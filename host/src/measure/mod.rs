@@ -335,7 +335,10 @@ fn prepare_lines(study: &Study, route: Route, lines: Lines) -> Result<Prepared<'
 
 /// By what a setup's readings are multiplied, where study.toml says so.
 fn gains_in_words(setup: &Setup) -> Option<String> {
-    let of = |sensor: &Sensor| Some(format!("{} by {}", sensor.channel, sensor.gain?));
+    let of = |sensor: &Sensor| {
+        let std = sensor.gain_std.map_or(String::new(), |std| format!(" ± {std}"));
+        Some(format!("{} by {}{std}", sensor.channel, sensor.gain?))
+    };
     let gains: Vec<String> = setup.sensors.iter().filter_map(of).collect();
     (!gains.is_empty()).then(|| format!("Setup \"{}\": readings multiplied, {}.", setup.name, gains.join(", ")))
 }

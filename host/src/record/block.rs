@@ -35,6 +35,13 @@ impl Block {
         self.values.iter_mut().skip(channel).step_by(self.channels.max(1))
     }
 
+    /// Subtracts each channel's own number from all its values.
+    pub(super) fn subtract(&mut self, offsets: &[f64]) {
+        for (channel, &offset) in offsets.iter().enumerate().filter(|(_, offset)| **offset != 0.0) {
+            self.channel_mut(channel).for_each(|value| *value -= offset);
+        }
+    }
+
     /// All values, row after row.
     pub fn values(&self) -> &[f64] {
         &self.values

@@ -117,6 +117,8 @@ pub(super) struct Selection {
     pub(super) columns: Vec<usize>,
     /// What each channel's numbers are multiplied by.
     pub(super) factors: Vec<f64>,
+    /// What is subtracted from each channel then.
+    pub(super) offsets: Vec<f64>,
     /// The channels' names as the sensors have them.
     pub(super) channels: Vec<String>,
 }
@@ -128,6 +130,10 @@ impl Selection {
         Ok(Self {
             columns: columns.find_all(sensors, file)?,
             factors: sensors.iter().map(|sensor| si_factor(setup.unit_of(sensor), sensor)).collect::<Result<_, _>>()?,
+            offsets: sensors
+                .iter()
+                .map(|sensor| sensor.offset_m_s2.unwrap_or(0.0) * sensor.gain.unwrap_or(1.0))
+                .collect(),
             channels: sensors.iter().map(|sensor| sensor.channel.clone()).collect(),
         })
     }

@@ -174,6 +174,7 @@ impl Recording {
             };
             let mut into = Rows { selection: &self.selection, clock: &mut self.clock, values };
             if reader.read(rows, &mut into)? > 0 {
+                block.subtract(&self.selection.offsets);
                 self.statistics.add(block, |row| reader.position(row));
                 if let Some(rows) = self.setup.block_rows() {
                     let before = block.row_count();

@@ -23,6 +23,8 @@ fn sensor(channel: &str, elevation_m: f64, azimuth_deg: f64, offset_m: [f64; 2])
         unit: None,
         sensitivity_v_per_m_s2: Some(2.0),
         gain: None,
+        gain_std: None,
+        offset_m_s2: None,
         dof: None,
         model_node: None,
     }

@@ -7,7 +7,7 @@ use belfry_shared::decimation::{Stages, USABLE_FRACTION};
 
 use super::error::StudyError;
 use super::section::Section;
-use super::types::{Analysis, CustomSource, Sensor, Setup, Unit};
+use super::types::{Analysis, CustomSource, Motion, Sensor, Setup, Unit};
 
 /// Channels that one sensor node can have.
 const CHANNELS_PER_NODE: usize = 4;
@@ -33,6 +33,11 @@ pub(super) fn sensors(setup: &Setup, sections: &[Section<'_>]) -> Result<(), Stu
             });
         }
         sensitivity(setup, sensor, section)?;
+        if let Some(entry) =
+            section.get("offset_m_s2").filter(|_| setup.unit_of(sensor).motion() != Motion::Acceleration)
+        {
+            return Err(entry.out_of_range("left out, where the sensor measures no acceleration"));
+        }
         if setup.live && setup.unit_of(sensor) != Unit::MetrePerSecondSquared {
             let expected = "left out, or \"m/s2\", in which nodes measure, where the setup is `live`";
             return section.get("unit").map_or(Ok(()), |entry| Err(entry.out_of_range(expected)));

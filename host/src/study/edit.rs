@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use toml_edit::{ArrayOfTables, DocumentMut, Item, Table, Value, value};
+use toml_edit::{ArrayOfTables, DocumentMut, Item, Table, TableLike, Value, value};
 
 use super::error::StudyError;
 use super::{ModeChoice, STUDY_FILE, Study};
@@ -36,6 +36,29 @@ pub fn set_effects(folder: &Path, entries: &[EffectEntry]) -> Result<(), StudyEr
 /// As [`set_effects`].
 pub fn set_mode_choice(folder: &Path, choice: &ModeChoice) -> Result<(), StudyError> {
     edit(folder, |text| with_choice(text, choice))
+}
+
+/// A sensor's calibration as it is to stand in `study.toml`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CalibrationEntry {
+    /// The sensor's setup.
+    pub setup: String,
+    /// Its channel.
+    pub channel: String,
+    /// What its readings are multiplied by, with the standard deviation.
+    pub gain: f64,
+    /// Its standard deviation.
+    pub gain_std: f64,
+    /// What it reads without acceleration, in m/s².
+    pub offset_m_s2: f64,
+}
+
+/// Gives sensors of the study in `folder` their gains and offsets, in place of earlier ones; comments stay.
+///
+/// # Errors
+/// As [`set_effects`].
+pub fn set_calibration(folder: &Path, entries: &[CalibrationEntry]) -> Result<(), StudyError> {
+    edit(folder, |text| with_calibration(text, entries))
 }
 
 /// Changes `study.toml` where what it comes to is a study.
@@ -77,6 +100,39 @@ fn with_choice(text: &str, choice: &ModeChoice) -> Result<String, String> {
         analysis.insert("mode_bands_hz", value(bands.collect::<toml_edit::Array>()));
     }
     Ok(document.to_string())
+}
+
+fn with_calibration(text: &str, entries: &[CalibrationEntry]) -> Result<String, String> {
+    let mut document: DocumentMut = text.parse().map_err(|error: toml_edit::TomlError| error.to_string())?;
+    for setup in tables(document.get_mut("setup")) {
+        let Some(name) = setup.get("name").and_then(Item::as_str).map(str::to_owned) else { continue };
+        for sensor in tables(setup.get_mut("sensor")) {
+            let channel = sensor.get("channel").and_then(Item::as_str);
+            let of_sensor = |entry: &&CalibrationEntry| entry.setup == name && channel == Some(&entry.channel);
+            let Some(entry) = entries.iter().find(of_sensor) else { continue };
+            let values = [("gain", entry.gain), ("gain_std", entry.gain_std), ("offset_m_s2", entry.offset_m_s2)];
+            for (key, number) in values {
+                let mut number = float(number);
+                if let Some(old) = sensor.get(key).and_then(Item::as_value) {
+                    *number.decor_mut() = old.decor().clone();
+                }
+                sensor.insert(key, value(number));
+            }
+        }
+    }
+    Ok(document.to_string())
+}
+
+/// The tables of an array, in either way of writing them.
+fn tables(item: Option<&mut Item>) -> Vec<&mut dyn TableLike> {
+    match item {
+        Some(Item::ArrayOfTables(tables)) => tables.iter_mut().map(|table| table as &mut dyn TableLike).collect(),
+        Some(Item::Value(Value::Array(values))) => values
+            .iter_mut()
+            .filter_map(|value| value.as_inline_table_mut().map(|table| table as &mut dyn TableLike))
+            .collect(),
+        _ => Vec::new(),
+    }
 }
 
 fn with_effects(text: &str, entries: &[EffectEntry]) -> Result<String, String> {
@@ -183,6 +239,30 @@ mod tests {
         assert!(!one.contains("base-rotation") && one.contains("added-mass"));
         let none = with_effects(&one, &[]).unwrap();
         assert!(!none.contains("model.effect") && none.contains("# mine"));
+    }
+
+    #[test]
+    fn a_calibration_goes_to_its_sensor_in_place_of_an_earlier_one_and_comments_stay() {
+        let entry = |setup: &str, channel: &str, gain| CalibrationEntry {
+            setup: setup.to_owned(),
+            channel: channel.to_owned(),
+            gain,
+            gain_std: 1.5e-4,
+            offset_m_s2: -0.2,
+        };
+        let text = with_calibration(STUDY, &[entry("a", "1", 1.023), entry("b", "1", 2.0)]).unwrap();
+        assert!(text.contains("# my tower") && text.contains("# first guess"), "{text}");
+        let sensor = &Study::from_text(&text, Path::new("s")).unwrap().setups[0].sensors[0];
+        let found = (sensor.gain, sensor.gain_std, sensor.offset_m_s2);
+        assert_eq!(found, (Some(1.023), Some(1.5e-4), Some(-0.2)));
+        let text = text.replace("gain = 1.023", "gain = 1.023 # of March");
+        let again = with_calibration(&text, &[entry("a", "1", 1.024)]).unwrap();
+        assert!(again.contains("gain = 1.024 # of March"), "{again}");
+        assert_eq!(again.matches("gain_std").count(), 1);
+        let inline = STUDY
+            .replace("[[setup.sensor]]\nchannel = \"1\"\nnode = 1\n", "sensor = [{ channel = \"1\", node = 1 }]\n");
+        let text = with_calibration(&inline, &[entry("a", "1", 0.97)]).unwrap();
+        assert_eq!(Study::from_text(&text, Path::new("s")).unwrap().setups[0].sensors[0].gain, Some(0.97));
     }
 
     #[cfg(unix)]

@@ -33,6 +33,8 @@ const SENSOR_KEYS: &[&str] = &[
     "unit",
     "sensitivity_v_per_m_s2",
     "gain",
+    "gain_std",
+    "offset_m_s2",
     "dof",
     "model_node",
 ];
@@ -254,6 +256,8 @@ fn sensor(section: &Section<'_>, sampled: bool) -> Result<Sensor, StudyError> {
     const ELEVATION: &str = "a height in metres";
     const OFFSET: &str = "the plan position from the beam axis in metres, such as [-6.32, 3.65]";
     const SENSITIVITY: &str = "volts per m/s², a number above 0 (for a sensor mounted backwards turn `azimuth_deg`)";
+    const GAIN_STD: &str = "the standard deviation of `gain`, a number above 0";
+    const OFFSET_M_S2: &str = "what the sensor reads without acceleration, in m/s²";
     const DOF: &str = "the 1-based row of the model's matrices, a whole number from 1";
 
     let optional_number = |key, expected| section.get(key).map(|entry: Entry<'_>| entry.number(expected)).transpose();
@@ -291,18 +295,27 @@ fn sensor(section: &Section<'_>, sampled: bool) -> Result<Sensor, StudyError> {
             .map(|entry| entry.positive(SENSITIVITY))
             .transpose()?,
         gain: gain_of(section, sampled)?,
+        gain_std: of_readings(section, "gain_std", sampled)?.map(|entry| entry.positive(GAIN_STD)).transpose()?,
+        offset_m_s2: of_readings(section, "offset_m_s2", sampled)?
+            .map(|entry| entry.number(OFFSET_M_S2))
+            .transpose()?,
         dof: dof.map(|dof| dof as usize),
         model_node,
     })
 }
 
-/// A sensor's gain; what was identified elsewhere has no readings.
+/// What is said of a sensor's readings; what was identified elsewhere has none.
+fn of_readings<'a>(section: &Section<'a>, key: &str, sampled: bool) -> Result<Option<Entry<'a>>, StudyError> {
+    match section.get(key) {
+        Some(entry) if !sampled => Err(entry.out_of_range("left out: shapes from elsewhere are taken as they are")),
+        entry => Ok(entry),
+    }
+}
+
+/// A sensor's gain.
 fn gain_of(section: &Section<'_>, sampled: bool) -> Result<Option<f64>, StudyError> {
     const GAIN: &str = "a number from 0.5 to 2 that the readings are multiplied by";
-    let Some(entry) = section.get("gain") else { return Ok(None) };
-    if !sampled {
-        return Err(entry.out_of_range("left out: shapes from elsewhere are taken as they are"));
-    }
+    let Some(entry) = of_readings(section, "gain", sampled)? else { return Ok(None) };
     let gain = entry.positive(GAIN)?;
     // Beyond that it is a unit, or a mistake.
     if (0.5..=2.0).contains(&gain) { Ok(Some(gain)) } else { Err(entry.out_of_range(GAIN)) }

@@ -78,6 +78,8 @@ fn a_sound_study_is_read_with_every_value_in_its_place() {
         unit: None,
         sensitivity_v_per_m_s2: None,
         gain: None,
+        gain_std: None,
+        offset_m_s2: None,
         dof: None,
         model_node: None,
     };
@@ -131,6 +133,12 @@ fn units_and_sensitivities_belong_together() {
     for wrong in ["9.81", "0.2", "-1.0", "nan"] {
         assert_told(&with_gain(wrong), 11, &["gain", "0.5 to 2"]);
     }
+    let calibrated = load(&with_gain("1.04\ngain_std = 2e-4\noffset_m_s2 = -0.2")).unwrap();
+    let sensor = &calibrated.setups[0].sensors[0];
+    assert_eq!((sensor.gain_std, sensor.offset_m_s2), (Some(2e-4), Some(-0.2)));
+    assert_told(&with_gain("1.04\ngain_std = 0"), 12, &["gain_std", "above 0"]);
+    let velocity = with_gain("1.04\noffset_m_s2 = -0.2\nunit = \"m/s\"");
+    assert_told(&velocity, 12, &["offset_m_s2", "no acceleration"]);
 }
 
 #[test]

@@ -203,6 +203,10 @@ pub struct Sensor {
     pub sensitivity_v_per_m_s2: Option<f64>,
     /// What its readings are to be multiplied by, as its calibration says; none where they are taken as they are.
     pub gain: Option<f64>,
+    /// The standard deviation of that, as its calibration says.
+    pub gain_std: Option<f64>,
+    /// What it reads without acceleration, in m/s², which is subtracted before the gain.
+    pub offset_m_s2: Option<f64>,
     /// 1-based row of the model's matrices, instead of a place.
     pub dof: Option<usize>,
     /// The node of the model that it stands at, by name; a study that is read from its folder has the node's place as well.
@@ -224,6 +228,8 @@ impl Sensor {
             unit: None,
             sensitivity_v_per_m_s2: None,
             gain: None,
+            gain_std: None,
+            offset_m_s2: None,
             dof: None,
             model_node: None,
         }

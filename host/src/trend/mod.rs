@@ -17,7 +17,7 @@ use crate::identify::{Identification, MeasuredSetup, Mode};
 use crate::measure::{Interval, MeasureError, Progress, Route, measure_intervals};
 use crate::regression::slopes;
 use crate::spectra::LineGrid;
-use crate::study::{Analysis, Setup, Study};
+use crate::study::{Analysis, Study};
 use crate::watch::{SeenInterval, SeenMode};
 use link::Follower;
 
@@ -145,11 +145,11 @@ pub fn follow(
     // The same band; segments are chosen anew, as an interval has room for shorter ones only.
     let band_hz = [grid.frequency_hz(0), grid.frequency_hz(grid.lines.saturating_sub(1))];
     let analysis = Analysis { band_hz: Some(band_hz), segment: None, ..study.analysis.clone() };
-    let read = |setup: &Setup| -> Result<Option<Temperatures>, TemperatureError> {
-        setup.temperature.as_ref().map(|file| Temperatures::read(&study.folder.join(file))).transpose()
-    };
-    let temperatures = study.setups.iter().map(read).collect::<Result<Vec<_>, _>>()?;
-    let (mut intervals, mut warnings, mut failure) = (Vec::new(), Vec::new(), None);
+    let read = |setup| Temperatures::of_setup(setup, &study.folder);
+    let found = study.setups.iter().map(read).collect::<Result<Vec<_>, _>>()?;
+    let (mut intervals, mut failure) = (Vec::new(), None);
+    let mut warnings: Vec<String> = found.iter().flatten().filter_map(|(_, node)| node.map(of_node)).collect();
+    let temperatures: Vec<_> = found.into_iter().map(|found| found.map(|(table, _)| table)).collect();
     // Of several setups none has all points, and the same mode would begin anew in each.
     let mut follower = Follower::new(whole, &study.analysis.modes, study.setups.len() == 1);
     for (setup, temperatures) in study.setups.iter().zip(&temperatures) {
@@ -222,11 +222,11 @@ pub fn seen(
     if reference.modes.is_empty() {
         return Err(TrendError::NoModes);
     }
-    let temperatures =
-        setup.temperature.as_ref().map(|file| Temperatures::read(&study.folder.join(file))).transpose()?;
+    let (temperatures, node) = Temperatures::of_setup(setup, &study.folder)?.unzip();
     let mut follower = Follower::new(reference, &study.analysis.modes, false).last_seen(last_hz);
     let analysis = Analysis { segment: None, ..study.analysis.clone() };
-    let (mut intervals, mut warnings) = (Vec::new(), Vec::new());
+    let mut intervals = Vec::new();
+    let mut warnings: Vec<String> = node.flatten().into_iter().map(of_node).collect();
     let take = |interval: Interval| {
         let [start_s, end_s] = [interval.start_s, interval.end_s].map(|time_s| interval.origin_s + time_s);
         match interval.spectrum {
@@ -246,6 +246,13 @@ pub fn seen(
     };
     measure_intervals(study, setup, &analysis, every_s, route, progress, take)?;
     Ok((intervals, warnings))
+}
+
+/// Says whose temperatures there are, where study.toml names no table.
+fn of_node(node: u16) -> String {
+    format!(
+        "temperatures are those of node {node}'s sensor, as study.toml names no `temperature`: some kelvins above the air's, which no slope minds"
+    )
 }
 
 /// Says which modes the intervals show alone.

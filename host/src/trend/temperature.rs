@@ -1,10 +1,14 @@
 //! Temperature beside a recording: a CSV table `time_s,temperature_degc`, time counted from the recording's first row; of a live
-//! setup in Unix time.
+//! setup in Unix time. A live setup without a table has what its nodes' sensors say of themselves.
 
+use std::collections::BTreeMap;
 use std::fs::File;
 use std::path::{Path, PathBuf};
 
 use thiserror::Error;
+
+use crate::heartbeats::{self, HEARTBEATS_FILE};
+use crate::study::Setup;
 
 /// Why there is no temperature.
 #[derive(Debug, Error)]
@@ -12,6 +16,14 @@ pub enum TemperatureError {
     /// The file cannot be read.
     #[error("{}, the temperature that study.toml names: {source}", file.display())]
     Io {
+        /// The file.
+        file: PathBuf,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// What nodes have said cannot be read.
+    #[error("{}, what nodes have said of themselves: {source}", file.display())]
+    Heartbeats {
         /// The file.
         file: PathBuf,
         /// Why.
@@ -78,17 +90,47 @@ impl Temperatures {
         if points.is_empty() { Err(table(1, "there is no row".to_owned())) } else { Ok(Self { points }) }
     }
 
+    /// The temperatures of a setup of the study in `folder`: of the table that it names, or else of one of its nodes, and which. That is the one
+    /// that has said most, as others are in the sun at other times; the lowest number of several.
+    ///
+    /// # Errors
+    /// Where the table is none, or what nodes have said cannot be read.
+    pub fn of_setup(setup: &Setup, folder: &Path) -> Result<Option<(Self, Option<u16>)>, TemperatureError> {
+        if let Some(file) = &setup.temperature {
+            return Ok(Some((Self::read(&folder.join(file))?, None)));
+        }
+        if !setup.live {
+            return Ok(None);
+        }
+        let mut of_nodes: BTreeMap<u16, Vec<(f64, f64)>> = BTreeMap::new();
+        let take = |heartbeat: heartbeats::KeptHeartbeat| {
+            let is_of_setup = setup.sensors.iter().any(|sensor| sensor.node == heartbeat.node);
+            if let (true, Some(degrees)) = (is_of_setup, heartbeat.temperature_degc) {
+                of_nodes.entry(heartbeat.node).or_default().push((heartbeat.time_s, degrees));
+            }
+        };
+        heartbeats::read(folder, take)
+            .map_err(|source| TemperatureError::Heartbeats { file: folder.join(HEARTBEATS_FILE), source })?;
+        let most = of_nodes.into_iter().rev().max_by_key(|(_, points)| points.len());
+        Ok(most.map(|(node, mut points)| {
+            // The computer's clock may have been set back.
+            points.sort_by(|a, b| a.0.total_cmp(&b.0));
+            points.dedup_by(|later, earlier| later.0 == earlier.0);
+            (Self { points }, Some(node))
+        }))
+    }
+
     /// Mean of the readings between two times, or one interpolated between neighbours where no reading is within; `None` outside the
     /// table.
     pub fn mean_degc(&self, start_s: f64, end_s: f64) -> Option<f64> {
-        let inside: Vec<f64> =
-            self.points.iter().filter(|(time, _)| (start_s..end_s).contains(time)).map(|(_, value)| *value).collect();
+        let first_from = |from_s: f64| self.points.partition_point(|(time, _)| *time < from_s);
+        let inside = self.points.get(first_from(start_s)..first_from(end_s)).unwrap_or_default();
         if !inside.is_empty() {
-            return Some(inside.iter().sum::<f64>() / inside.len() as f64);
+            return Some(inside.iter().map(|(_, value)| value).sum::<f64>() / inside.len() as f64);
         }
         let middle_s = 0.5 * (start_s + end_s);
-        let after = self.points.iter().position(|(time, _)| *time >= middle_s)?;
-        let ((t0, v0), (t1, v1)) = (*self.points.get(after.checked_sub(1)?)?, self.points[after]);
+        let after = first_from(middle_s);
+        let ((t0, v0), (t1, v1)) = (*self.points.get(after.checked_sub(1)?)?, *self.points.get(after)?);
         Some(v0 + (v1 - v0) * (middle_s - t0) / (t1 - t0))
     }
 }
@@ -110,6 +152,43 @@ mod tests {
         assert_eq!(table.mean_degc(0.0, 3600.0), Some(11.0));
         assert_eq!(table.mean_degc(2400.0, 3000.0), Some(12.0 + 8.0 * 900.0 / 1800.0));
         assert_eq!(table.mean_degc(4000.0, 5000.0), None);
+    }
+
+    #[test]
+    fn a_live_setup_without_a_table_has_the_temperatures_of_the_node_that_says_most() {
+        let folder = tempfile::tempdir().unwrap();
+        let text = "[structure]\nname = \"t\"\n[[setup]]\nname = \"a\"\nlive = true\nsampling_rate_hz = 1000\n[[setup.sensor]]\nchannel = \"x\"\nnode = 1\n[[setup.sensor]]\nchannel = \"y\"\nnode = 2\n[analysis]\nband_hz = [0.1, 1.0]\n";
+        let mut setup = crate::study::Study::from_text(text, folder.path()).unwrap().setups.remove(0);
+        assert_eq!(Temperatures::of_setup(&setup, folder.path()).unwrap(), None);
+        // Node 9 is of another setup, node 1 has no sensor for a while, and two lines are late.
+        let line = |time_s: f64, node: u16, degrees: Option<f64>| {
+            let degrees = degrees.map_or(String::new(), |degrees| format!(",\"temperature_degc\":{degrees}"));
+            format!("{{\"time_s\":{time_s:?},\"node\":{node},\"boot\":1{degrees}}}\n")
+        };
+        let mut lines = String::new();
+        for minute in (0..60).step_by(2) {
+            let time_s = 60.0 * f64::from(minute);
+            lines += &line(time_s, 9, Some(50.0));
+            lines += &line(time_s + 1.0, 1, (minute > 20).then_some(30.0));
+            if minute != 30 {
+                lines += &line(time_s + 2.0, 2, Some(20.0 + f64::from(minute)));
+            }
+        }
+        lines += &line(1802.0, 2, Some(50.0));
+        lines += "half a line";
+        std::fs::write(folder.path().join(HEARTBEATS_FILE), lines).unwrap();
+        let (table, node) = Temperatures::of_setup(&setup, folder.path()).unwrap().unwrap();
+        assert_eq!(node, Some(2));
+        // Minutes 28, 30 and 32.
+        assert_eq!(table.mean_degc(1680.0, 1930.0), Some(50.0));
+        assert_eq!(table.mean_degc(1683.0, 1700.0), Some(48.0 + 2.0 * 9.5 / 120.0));
+        assert_eq!(table.mean_degc(4000.0, 5000.0), None);
+        setup.live = false;
+        assert_eq!(Temperatures::of_setup(&setup, folder.path()).unwrap(), None);
+        // A table that study.toml names comes first.
+        setup.temperature = Some("weather.csv".into());
+        std::fs::write(folder.path().join("weather.csv"), "time_s,temperature_degc\n0,1\n").unwrap();
+        assert_eq!(Temperatures::of_setup(&setup, folder.path()).unwrap().unwrap().1, None);
     }
 
     #[test]

@@ -2,7 +2,8 @@
 
 use std::io;
 
-use belfry_shared::message::WindowName;
+use belfry_shared::message::{Heartbeat, WindowName};
+use belfry_shared::time::HostTime;
 
 use super::loss::Loss;
 use super::node_window::NodeWindow;
@@ -43,6 +44,11 @@ pub trait WindowSink {
     fn start(&mut self, name: &WindowName) -> io::Result<Option<u64>> {
         let _ = name;
         Ok(None)
+    }
+
+    /// Sees a sign of life that has come at `now`.
+    fn heartbeat(&mut self, now: HostTime, heartbeat: &Heartbeat) {
+        let _ = (now, heartbeat);
     }
 
     /// Notes that windows no longer exist anywhere.

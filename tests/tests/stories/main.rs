@@ -6,6 +6,7 @@ mod analysis;
 mod bad_input;
 mod blind;
 mod calculix;
+mod calibrate;
 mod campaign;
 mod change;
 mod collect;

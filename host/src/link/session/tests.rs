@@ -230,6 +230,7 @@ fn hello() -> Hello {
         fault: None,
         counters: None,
         kept: None,
+        calibration: None,
     }
 }
 

@@ -14,6 +14,18 @@ fn columns_go_by_their_names() {
 }
 
 #[test]
+fn a_calibration_is_applied_to_readings_in_the_unit_of_the_recording() {
+    let mut calibrated = setup(&["a", "b"], &["r.csv"]);
+    calibrated.unit = crate::study::Unit::StandardGravity;
+    calibrated.sensors[0].gain = Some(2.0);
+    calibrated.sensors[0].offset_m_s2 = Some(0.5);
+    let rows = rows_of(&calibrated, "r.csv", b"a,b\n1,1\n,2\n");
+    // (9.80665 - 0.5) × 2, whatever the unit is.
+    assert!((rows[0][0] - 2.0 * (9.806_65 - 0.5)).abs() < 1e-12 && rows[0][1] == 9.806_65, "{rows:?}");
+    assert!(rows[1][0].is_nan());
+}
+
+#[test]
 fn semicolons_and_tabulators_separate_too() {
     let wanted = setup(&["b"], &["a.csv"]);
     assert_eq!(rows_of(&wanted, "a.csv", b"a;b\n1;2\n"), [[2.0]]);

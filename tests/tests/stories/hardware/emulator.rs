@@ -38,10 +38,25 @@ fn ready(name: &str) -> Option<PathBuf> {
 }
 
 fn built(name: &str) -> PathBuf {
-    let build = repository().join("firmware/build.sh");
-    let built = Command::new(build).arg(name).stderr(Stdio::inherit()).output().unwrap();
-    assert!(built.status.success(), "{name} cannot be built");
+    built_by(Command::new(repository().join("firmware/build.sh")).arg(name))
+}
+
+fn built_by(build: &mut Command) -> PathBuf {
+    let built = build.stderr(Stdio::inherit()).output().unwrap();
+    assert!(built.status.success(), "{build:?} fails");
     repository().join(String::from_utf8(built.stdout).unwrap().trim())
+}
+
+/// The node's program for a board with a memory chip, from beside those that BELFRY_PROGRAMS names, or built.
+pub(crate) fn program_with_store() -> PathBuf {
+    match std::env::var_os("BELFRY_PROGRAMS") {
+        Some(folder) => {
+            let program = repository().join(folder).join("../firmware-store/belfry-node");
+            assert!(program.is_file(), "there is no {}", program.display());
+            program
+        }
+        None => built_by(Command::new(repository().join("firmware/build.sh")).env("BELFRY_STORE", "yes")),
+    }
 }
 
 /// The address of a symbol of a program.

@@ -174,3 +174,15 @@ fn a_study_that_a_board_cannot_sample_is_refused_and_the_next_one_is_measured() 
     assert!(done, "{said}");
     assert_same_bits(&report, 1);
 }
+
+#[test]
+#[cfg_attr(not(emulator), ignore = "needs qemu-system-arm and a compiler for the board")]
+fn a_board_without_a_sensor_cannot_be_calibrated_and_says_so_every_second() {
+    let board = Board::start();
+    let folder = tempfile::tempdir().unwrap();
+    let study = study(folder.path(), 50);
+    let (done, _, said) = belfry(&["calibrate", &study, "--port", &board.line()]);
+    assert!(!done && said.contains("the sensor of node 1 gives no readings (absent: it gives no readings)"), "{said}");
+    let (done, _, said) = belfry(&["calibrate", &study, "--port", &board.line(), "--read"]);
+    assert!(!done && said.contains("node 1 keeps no calibration"), "{said}");
+}
