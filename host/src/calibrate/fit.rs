@@ -258,7 +258,9 @@ mod tests {
             // 2000 tables scatter by 0.5 %. Squares of tilts, and tilts of one table, have longer tails than the normal law; where faces are independent
             // the deviation of a table is more than is needed.
             assert!((0.935..=0.99).contains(&gains), "{gains}");
-            assert!((0.93..=0.99).contains(&offsets), "{offsets}");
+            // Between faces of one table, whose tilts are equally large, there is no difference of cosines, and the deviation has one.
+            let most = if tilts == Tilts::OfTheTable { 1.0 } else { 0.985 };
+            assert!((0.93..=most).contains(&offsets), "{offsets}");
             assert!((0.92..=0.965).contains(&cross), "{cross}");
         }
     }

@@ -8,7 +8,7 @@ use belfry_shared::seal::Key;
 use belfry_shared::time::HostTime;
 use thiserror::Error;
 
-use super::still::{Cell, LEAST_S, Still, faces_of, still};
+use super::still::{Cell, Still, faces_of, still};
 use crate::link::{Session, SessionError, Transport};
 use crate::window::{Configurations, KeptWindows, NodeWindow, WindowSink};
 
@@ -83,8 +83,8 @@ pub enum TumbleError {
 pub enum Step {
     /// The node is being greeted and set up.
     Preparing,
-    /// For how many seconds each face was up while it lay still, in the order of [`super::Face::ALL`], and whether it lies still now.
-    Lying([f64; 6], bool),
+    /// For how many seconds each face was up while it lay still, in the order of [`super::Face::ALL`].
+    Lying([f64; 6]),
     /// Every face was up for long enough.
     Done(Vec<Still>),
 }
@@ -201,9 +201,7 @@ impl Tumble {
         if times.iter().all(|seconds| *seconds >= Self::ENOUGH_S) {
             return Ok(Step::Done(found));
         }
-        let lately = self.heard.cells.len().saturating_sub(LEAST_S as usize + 3);
-        let is_still = self.heard.cells.get(lately..).is_some_and(|cells| !still(cells, self.gravity_m_s2).is_empty());
-        Ok(Step::Lying(times, is_still))
+        Ok(Step::Lying(times))
     }
 
     /// What has stood still until now.

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
-use anyhow::{Context, bail};
+use anyhow::{Context, anyhow, bail};
 use belfry_shared::message::{Calibration, Hello};
 use belfry_shared::time::HostTime;
 use clap::Args;
@@ -158,7 +158,7 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
         (None, Some(file)) => {
             let setup = setups.first().context("the study has no setup")?;
             let names = channels(arguments, setup)?;
-            let names = [names[0].as_str(), names[1].as_str(), names[2].as_str()];
+            let names = names.each_ref().map(String::as_str);
             let found = still(&cells_of(file, setup, names)?, gravity.value_m_s2);
             let calibrated = fit(&found, gravity, arguments.level)?;
             let entries = entries(&setups, names, &calibrated.axes);
@@ -192,18 +192,18 @@ fn gravity_of(arguments: &Arguments) -> Gravity {
     }
 }
 
-fn channels(arguments: &Arguments, setup: &Setup) -> anyhow::Result<Vec<String>> {
+fn channels(arguments: &Arguments, setup: &Setup) -> anyhow::Result<[String; 3]> {
     let given = &arguments.channels;
     let own: Vec<String> = setup.sensors.iter().map(|sensor| sensor.channel.clone()).collect();
-    match (given.len(), own.len()) {
-        (3, _) => Ok(given.clone()),
-        (0, 3) => Ok(own),
-        (0, count) => bail!(
-            "setup \"{}\" has {count} channels: say with --channels which three are X, Y and Z of the sensor",
-            setup.name
+    let meant = if given.is_empty() { own } else { given.clone() };
+    meant.try_into().map_err(|other: Vec<String>| match given.len() {
+        0 => anyhow!(
+            "setup \"{}\" has {} channels: say with --channels which three are X, Y and Z of the sensor",
+            setup.name,
+            other.len()
         ),
-        (count, _) => bail!("--channels names {count} channels, where X, Y and Z of one sensor are needed"),
-    }
+        count => anyhow!("--channels names {count} channels, where X, Y and Z of one sensor are needed"),
+    })
 }
 
 /// A node on a port: tumbled, or asked what it has kept.
@@ -264,7 +264,7 @@ fn lie_down(
         match tumble.step(clock, line)? {
             Step::Done(found) => return Ok(Some(found)),
             Step::Preparing => {}
-            Step::Lying(seconds, _) => {
+            Step::Lying(seconds) => {
                 for ((face, seconds), told) in Face::ALL.into_iter().zip(seconds).zip(&mut told) {
                     if seconds >= Tumble::ENOUGH_S && !*told {
                         *told = true;

@@ -82,10 +82,10 @@ fn hello() -> Hello {
     }
 }
 
-/// Tumbles: in the hand, then twelve seconds on each face.
+/// Tumbles: in the hand, then seventeen seconds on each face, as heartbeats may be lost.
 fn tumbled(bench: &mut Bench, tumble: &mut Tumble) -> Result<Vec<Still>, TumbleError> {
-    for second in 0..6 * 15 {
-        let face = (second % 15 >= 3).then_some(second / 15);
+    for second in 0..6 * 20 {
+        let face = (second % 20 >= 3).then_some(second / 20);
         for _ in 0..100 {
             bench.step(face);
             if let Step::Done(found) = tumble.step(&bench.clock(), &mut bench.line.host_end())? {

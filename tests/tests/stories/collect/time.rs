@@ -4,6 +4,7 @@ use std::fs;
 use std::time::Duration;
 
 use belfry_host::collect::CollectOptions;
+use belfry_host::heartbeats;
 use belfry_tests::belfry_command;
 
 use super::bench::{Bench, at, options};
@@ -80,4 +81,29 @@ fn a_computers_clock_that_is_set_moves_the_nodes_time_with_it() {
     assert!(is_without_gaps(&numbers), "{numbers:?}");
     // Today's came before.
     assert!(began_after(0.0) > began_after(tomorrow_s) + 8);
+}
+
+#[test]
+fn what_nodes_say_of_themselves_is_kept_whenever_it_comes() {
+    let bench = Bench::new();
+    // The first comes ten seconds after the configuration, the others every two minutes.
+    bench.collect_for(15).unwrap();
+    bench.collect_for(130).unwrap();
+    let mut kept = Vec::new();
+    assert_eq!(heartbeats::read(bench.folder(), |heartbeat| kept.push(heartbeat)).unwrap(), 0);
+    for node in [3, 8] {
+        let of_node: Vec<_> = kept.iter().filter(|heartbeat| heartbeat.node == node).collect();
+        let times: Vec<f64> = of_node.iter().map(|heartbeat| heartbeat.time_s).collect();
+        assert!(times.len() == 2 && (times[1] - times[0] - 120.0).abs() < 1.0, "node {node}: {times:?}");
+        // Motion of some mm/s² about nothing.
+        assert!(
+            of_node.iter().all(|one| one.variance.len() == 2 && one.variance.iter().all(|v| *v > 0.0)),
+            "{of_node:?}"
+        );
+        assert!(of_node.iter().all(|one| one.mean_m_s2.iter().all(|mean| mean.abs() < 0.01)), "{of_node:?}");
+    }
+    let pruned =
+        belfry_command().args(["archive", "prune", "--keep", "1s", "--json"]).arg(bench.folder()).output().unwrap();
+    let report: serde_json::Value = serde_json::from_slice(&pruned.stdout).unwrap();
+    assert!(report["heartbeats"].as_u64().unwrap() >= 2, "{report}");
 }
