@@ -27,6 +27,8 @@ const EXTERNAL: u8 = 0x02;
 /// Before it is synchronised it makes samples by itself, at 62.5 Hz.
 const PERIOD_US: u64 = 16_000;
 const IDENTITY: [u8; 3] = [0xAD, 0x1D, 0xED];
+/// Looks at whether an interrupt has come that comes at once.
+const LOOKS: u32 = 100;
 /// 25 °C.
 const TEMPERATURE: [u8; 2] = [0x07, 0x5D];
 
@@ -80,7 +82,9 @@ fn assert_serial_port_is_heard() {
         NVIC::pend(Interrupt::USART2);
         cortex_m::asm::dsb();
         cortex_m::asm::isb();
-        assert!(!NVIC::is_pending(Interrupt::USART2), "the sensor's bus holds the serial port up");
+        // A byte that has come just now may ask for it once more.
+        let is_heard = (0..LOOKS).any(|_| !NVIC::is_pending(Interrupt::USART2));
+        assert!(is_heard, "the sensor's bus holds the serial port up");
     }
 }
 
