@@ -3,10 +3,10 @@
 use std::process::ExitCode;
 
 use belfry_host::command::{
-    Console, add, archive, calibrate, change, collect, compare, covalidate, demo, diagnose, effects, export, history,
-    identify, init, key, plan, ports, profile, remove, replay, report, serve, simulate, update, watch,
+    Console, add, archive, calibrate, change, collect, compare, completions, covalidate, demo, diagnose, effects, export,
+    history, identify, init, key, look, man, plan, ports, profile, remove, replay, report, serve, simulate, update, watch,
 };
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, Parser, Subcommand};
 
 /// Finds how a tall structure moves, and why its model is wrong
 #[derive(Debug, Parser)]
@@ -38,6 +38,7 @@ struct CommandLine {
 enum Command {
     Demo(demo::Arguments),
     Init(init::Arguments),
+    Look(look::Arguments),
     Plan(plan::Arguments),
     Simulate(simulate::Arguments),
     Ports(ports::Arguments),
@@ -61,6 +62,8 @@ enum Command {
     Serve(serve::Arguments),
     Effects(effects::Arguments),
     Export(export::Arguments),
+    Completions(completions::Arguments),
+    Man(man::Arguments),
 }
 
 fn main() -> ExitCode {
@@ -69,6 +72,7 @@ fn main() -> ExitCode {
     let outcome = match &command {
         Command::Demo(arguments) => demo::run(arguments, &console),
         Command::Init(arguments) => init::run(arguments, &console),
+        Command::Look(arguments) => look::run(arguments, &console),
         Command::Plan(arguments) => plan::run(arguments, &console),
         Command::Simulate(arguments) => simulate::run(arguments, &console),
         Command::Ports(arguments) => ports::run(arguments, &console),
@@ -92,6 +96,8 @@ fn main() -> ExitCode {
         Command::Serve(arguments) => serve::run(arguments, &console),
         Command::Effects(arguments) => effects::run(arguments, &console),
         Command::Export(arguments) => export::run(arguments, &console),
+        Command::Completions(arguments) => completions::run(arguments, CommandLine::command(), &console),
+        Command::Man(arguments) => man::run(arguments, CommandLine::command(), &console),
     };
     match outcome {
         Ok(()) => ExitCode::SUCCESS,
@@ -105,7 +111,6 @@ fn main() -> ExitCode {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use clap::CommandFactory;
 
     /// Help is wrapped by the terminal's width. A paragraph that is broken by hand as well would be wrapped twice, and so would an
     /// example that is wider than a terminal.

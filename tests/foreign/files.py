@@ -215,7 +215,7 @@ def write_tdms():
     together here after NI's description, and npTDMS reads them back."""
     from nptdms import ChannelObject, GroupObject, RootObject, TdmsFile, TdmsWriter
 
-    properties = {"wf_increment": 1 / RATE_HZ, "unit_string": "m/s^2"}
+    properties = {"wf_increment": 1 / RATE_HZ, "unit_string": "m/s^2", "wf_start_time": np.datetime64("2026-03-01T12:00:00.25")}
     with TdmsWriter(FOLDER / "nptdms.tdms") as writer:
         root, group = RootObject({"title": "a mast"}), GroupObject("run 1", {"operator": "nobody"})
         for rows in (RECORD[:100], RECORD[100:101], RECORD[101:]):

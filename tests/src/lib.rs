@@ -13,6 +13,7 @@ pub mod fuzz;
 pub mod live;
 mod npy;
 pub mod records;
+pub mod schema;
 mod spectral;
 mod statistics;
 pub mod years;

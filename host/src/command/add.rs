@@ -44,5 +44,5 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     console.warn_all(&project.case()?.warnings);
     let report = console.with_progress(|on_progress| project.add(&arguments.effect, on_progress))?;
     steps::tell(&report, project.study(), console);
-    console.json(&report)
+    console.json("add-1", &report)
 }

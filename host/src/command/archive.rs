@@ -138,7 +138,7 @@ fn folder(study: &Path) -> anyhow::Result<PathBuf> {
 
 fn run_check(folder: &Path, console: &Console) -> anyhow::Result<()> {
     let report = Archive::check(folder)?;
-    console.json(&report)?;
+    console.json("archive-check-1", &report)?;
     let CheckReport { archive, version, bytes, sound_windows, damages, structure, lost, lost_in_repairs, is_sound } =
         &report;
     for line in losses(lost).into_iter().chain(repairs(lost_in_repairs)) {
@@ -213,7 +213,7 @@ fn repairs(hours: &[DamagedHour]) -> Vec<String> {
 
 fn run_repair(folder: &Path, console: &Console) -> anyhow::Result<()> {
     let report = Archive::repair(folder)?;
-    console.json(&report)?;
+    console.json("archive-repair-1", &report)?;
     let Some(kept_as) = &report.kept_as else {
         console.say(format!("{} is sound; nothing was done.", report.archive.display()));
         return Ok(());
@@ -272,7 +272,7 @@ fn run_prune(arguments: &Prune, console: &Console) -> anyhow::Result<()> {
     if heartbeats > 0 {
         console.say(format!("The same of {} from before.", counted(heartbeats, "heartbeat")));
     }
-    console.json(&Pruned { found: &found, windows, heartbeats, dry_run: arguments.dry_run })
+    console.json("archive-prune-1", &Pruned { found: &found, windows, heartbeats, dry_run: arguments.dry_run })
 }
 
 fn run_export(arguments: &Export, console: &Console) -> anyhow::Result<()> {
@@ -298,7 +298,8 @@ fn run_export(arguments: &Export, console: &Console) -> anyhow::Result<()> {
     if extract.windows == 0 {
         console.warn("no window is in it: the archive has none, or none of this range of time");
     }
-    console.json(&Exported { file: output, windows: extract.windows, damages: &extract.damages })?;
+    console
+        .json("archive-export-1", &Exported { file: output, windows: extract.windows, damages: &extract.damages })?;
     console.say(format!("{}: {}", output.display(), of_nodes(extract.windows)));
     Ok(())
 }

@@ -75,7 +75,7 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     if project.study().model.is_none() {
         console.say("With a [model] in study.toml Belfry also says what has changed, and where.");
     }
-    console.json(&report)
+    console.json("change-1", &report)
 }
 
 fn tell_modes(changes: &Changes, console: &Console) {

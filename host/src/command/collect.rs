@@ -142,7 +142,7 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
         }
         view.show(statuses, events);
         for event in events {
-            if let Err(error) = console.json_line(&EventLine::new(event, view.words())) {
+            if let Err(error) = console.json_line("collect-1", &EventLine::new(event, view.words())) {
                 unprinted = Some(error);
             }
         }
@@ -159,7 +159,7 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
         return Err(error);
     }
     let report = Report::new(setup, &study.folder, elapsed(), &statuses)?;
-    console.json_line(&EventLine::end(&report, clock.unix()))?;
+    console.json_line("collect-1", &EventLine::end(&report, clock.unix()))?;
     console.say(view.text(&statuses));
     let (stored, gaps, windows) = (report.windows(), report.windows_with_gaps(), report.windows_in_archive);
     console.say(format!(

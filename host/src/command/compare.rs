@@ -40,7 +40,7 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     let _lock = alone(&arguments.study, console)?;
     let mut project = Project::open(&arguments.study)?;
     let comparison = compare_project(&mut project, console)?;
-    console.json(&comparison)?;
+    console.json("compare-1", &comparison)?;
     if comparison.mean_mac.is_some() {
         let study = in_shell(&project.study().folder);
         console.say(next_lines(&[

@@ -82,7 +82,7 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
         route: arguments.route.route(),
     };
     let report = covalidate_project(&mut project, &request, console)?;
-    console.json(&report)
+    console.json("covalidate-1", &report)
 }
 
 /// Predicts and tells.

@@ -71,7 +71,7 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
         console.say(format!("Picture: {}, why these effects fit or do not", picture.display()));
     }
     tell_next(&diagnosis, arguments.auto, project.study(), console);
-    console.json(&diagnosis)
+    console.json("diagnose-1", &diagnosis)
 }
 
 /// Adds and drops effects until nothing is gained.

@@ -45,7 +45,7 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     if let Some(name) = &arguments.kind {
         let kind = effect::find(name)?;
         explain(kind, console);
-        return console.json(&entry(kind));
+        return console.json("effect-1", &entry(kind));
     }
     let mut table = Table::new();
     table.load_style(UTF8_FULL_CONDENSED);
@@ -65,7 +65,9 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     }
     console.say(table);
     console.say("Next: belfry effects base-rotation    # one of them in full: formula, parameters, look-alikes");
-    console.json(&Catalogue { effects: KINDS.iter().map(|kind| entry(*kind)).collect() }).context("the catalogue")
+    console
+        .json("effects-1", &Catalogue { effects: KINDS.iter().map(|kind| entry(*kind)).collect() })
+        .context("the catalogue")
 }
 
 /// Columns where standard output is no terminal.

@@ -14,7 +14,8 @@ use super::interrupt::{alone, leave_nothing_unfinished};
 use super::range::RangeArguments;
 use super::route::RouteArguments;
 use crate::export::modes::Modes;
-use crate::export::spectra::{LinesTable, write_psd_csv, write_psd_parquet};
+use crate::export::rows::TableFormat;
+use crate::export::spectra::{LinesTable, write_psd};
 use crate::export::{table, universal, write_file};
 use crate::files::{folder_of, ready_folder, without_links};
 use crate::measure::{Measurement, Observer, Route, measure_observed};
@@ -26,6 +27,7 @@ const EXAMPLES: &str = "Examples:
   belfry export canton --format uff55 --output canton.uff
   belfry export canton --of psd --direct         averaged spectra as Parquet
   belfry export canton --of psd --format csv
+  belfry export canton --format parquet          modes as a table, a row a mode and channel
   belfry export canton --of lines                every window's complex lines
   belfry export canton --of model                matrices with effects, and its modes
   belfry export canton --of model --fitted-background --format npy
@@ -97,9 +99,8 @@ impl Content {
     /// What it can be written as.
     fn formats(self) -> &'static [Format] {
         match self {
-            Self::Modes => &[Format::Uff55, Format::Csv, Format::Json],
-            Self::Psd => &[Format::Parquet, Format::Csv],
-            Self::Lines => &[Format::Parquet],
+            Self::Modes => &[Format::Uff55, Format::Csv, Format::Json, Format::Parquet],
+            Self::Psd | Self::Lines => &[Format::Parquet, Format::Csv],
             Self::Model => &[Format::Mtx, Format::Npy],
         }
     }
@@ -107,7 +108,7 @@ impl Content {
     /// What it is written as without --format.
     fn by_default(self) -> &'static [Format] {
         match self {
-            Self::Modes => self.formats(),
+            Self::Modes => &[Format::Uff55, Format::Csv, Format::Json],
             Self::Psd | Self::Lines => &[Format::Parquet],
             Self::Model => &[Format::Mtx],
         }
@@ -144,6 +145,11 @@ impl Format {
             Self::Mtx => "mtx",
             Self::Npy => "npy",
         }
+    }
+
+    /// The same for a table.
+    fn of_table(self) -> TableFormat {
+        if self == Self::Csv { TableFormat::Csv } else { TableFormat::Parquet }
     }
 
     fn of_ending(path: &Path) -> Option<Self> {
@@ -215,16 +221,13 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
         Content::Modes => export_modes(&study, &targets, console)?,
         Content::Psd => {
             let measurement = measured(&study, route, console, &mut |_, _, _| {})?;
-            let write = |(format, path): &(Format, PathBuf)| match format {
-                Format::Csv => write_psd_csv(path, &measurement),
-                _ => write_psd_parquet(path, &measurement),
-            };
+            let write = |(format, path): &(Format, PathBuf)| write_psd(path, &measurement, format.of_table());
             targets.iter().map(write).collect::<Result<_, _>>()?
         }
         Content::Lines => {
             let mut rows = Vec::new();
-            for (_, path) in &targets {
-                let mut table = LinesTable::create(path, &study.setups)?;
+            for (format, path) in &targets {
+                let mut table = LinesTable::create(path, &study.setups, format.of_table())?;
                 measured(&study, route, console, &mut |setup, grid, window| table.observe(setup, grid, window))?;
                 rows.push(table.finish()?);
             }
@@ -237,11 +240,12 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
         .zip(written)
         .map(|((format, file), rows)| WrittenFile { file, of: content, format, rows })
         .collect();
-    for WrittenFile { file, rows, .. } in &files {
-        let what = if content == Content::Modes { "modes" } else { "rows" };
+    for WrittenFile { file, rows, format, .. } in &files {
+        let is_of_modes = content == Content::Modes && *format != Format::Parquet;
+        let what = if is_of_modes { "modes" } else { "rows" };
         console.say(format!("{}: {rows} {what}", file.display()));
     }
-    console.json(&Report { files, left_out: Vec::new() })
+    console.json("export-1", &Report { files, left_out: Vec::new() })
 }
 
 /// The study's own folder of exports, made sure to lead nowhere else: a study may come from someone else.
@@ -295,9 +299,12 @@ fn export_modes(study: &Study, targets: &[(Format, PathBuf)], console: &Console)
         );
     }
     let modes = Modes::load(study)?;
+    let mut rows = Vec::new();
     for (format, path) in targets {
+        let mut count = modes.modes.len() as u64;
         match format {
             Format::Csv => table::write_csv(path, &modes)?,
+            Format::Parquet => count = table::write_parquet(path, &modes)?,
             Format::Uff55 => {
                 let (text, warnings) = universal::text(&modes, &study.structure.name);
                 for warning in warnings {
@@ -305,10 +312,11 @@ fn export_modes(study: &Study, targets: &[(Format, PathBuf)], console: &Console)
                 }
                 write_file(path, &text)?;
             }
-            Format::Json | Format::Parquet | Format::Mtx | Format::Npy => write_file(path, &modes.json)?,
+            Format::Json | Format::Mtx | Format::Npy => write_file(path, &modes.json)?,
         }
+        rows.push(count);
     }
-    Ok(vec![modes.modes.len() as u64; targets.len()])
+    Ok(rows)
 }
 
 /// Measures the study with a progress bar, and warns.

@@ -42,7 +42,7 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     leave_nothing_unfinished()?;
     let project = Project::open(&arguments.study)?;
     let steps = show_history(&project, console)?;
-    console.json(&Report { steps })
+    console.json("history-1", &Report { steps })
 }
 
 /// Tells the steps.

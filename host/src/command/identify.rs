@@ -161,7 +161,7 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     let request = IdentifyRequest { route, method, every: arguments.every, wish: Some(wish) };
     let report = console.with_progress(|on_progress| project.identify(&request, on_progress))?;
     tell_warnings(&report, console);
-    console.json(&report)?;
+    console.json("identify-1", &report)?;
     console.say(format!("\n{}\n", modes_table(&report.identification, method == Method::Both)));
     for harmonic in &report.identification.harmonics {
         console.say(forced(harmonic));

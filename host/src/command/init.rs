@@ -145,7 +145,7 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     let names = files.iter().map(|(name, _)| *name).collect();
     let commands: Vec<String> = next.iter().map(|(command, _)| format!("`belfry {command}`")).collect();
     let next = format!("{to_do} Then run {}", commands.join(", then "));
-    console.json(&Report { study: folder.display().to_string(), files: names, next })
+    console.json("init-1", &Report { study: folder.display().to_string(), files: names, next })
 }
 
 /// A study is somebody's work: the first file that is in the way is named, nothing is written.

@@ -92,7 +92,7 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
                 0 => console.say(format!("No node has a key in {}.", keys.display())),
                 _ => console.say(format!("Nodes with keys in {}: {}.", keys.display(), numbers.join(", "))),
             }
-            console.json(&List { keys, nodes })
+            console.json("key-list-1", &List { keys, nodes })
         }
     }
 }
@@ -129,5 +129,5 @@ fn write_image(node: u16, key: &Key, output: &Path, keys: PathBuf, console: &Con
         "Its image is {}. Write it into the node through the board's USB connector, and delete it:\n  probe-rs download --chip STM32F446RETx --binary-format bin --base-address {ADDRESS:#010x} {name}\n  probe-rs reset --chip STM32F446RETx\n  rm {name}",
         output.display()
     ));
-    console.json(&Written { node, keys, image: output.to_owned(), address: ADDRESS })
+    console.json("key-1", &Written { node, keys, image: output.to_owned(), address: ADDRESS })
 }

@@ -8,6 +8,7 @@ pub mod calibrate;
 pub mod change;
 pub mod collect;
 pub mod compare;
+pub mod completions;
 pub mod covalidate;
 pub mod demo;
 pub mod diagnose;
@@ -18,6 +19,8 @@ pub mod identify;
 pub mod init;
 mod interrupt;
 pub mod key;
+pub mod look;
+pub mod man;
 pub mod paper;
 mod partial;
 pub mod plan;
@@ -67,6 +70,18 @@ static LINES_PRINTED: AtomicBool = AtomicBool::new(false);
 static BAR: Mutex<Option<ProgressBar>> = Mutex::new(None);
 /// Warnings that were printed: what was said once is not said again.
 static WARNED: LazyLock<Mutex<HashSet<String>>> = LazyLock::new(Mutex::default);
+
+/// A JSON object with the name and version of its schema: `docs/schema` has a file of that name for it. A key that goes, or that means
+/// something else, makes a new version; a key that comes does not.
+#[derive(Serialize)]
+struct Versioned<'a, T> {
+    schema: &'static str,
+    #[serde(flatten)]
+    object: &'a T,
+}
+
+/// The schema of a failure.
+const FAILURE: &str = "error-1";
 
 /// What `--json` prints of a failure.
 #[derive(Debug, Serialize)]
@@ -126,6 +141,17 @@ impl Console {
         }
     }
 
+    /// Prints a text that another program reads, as it is; silent with `--json`.
+    ///
+    /// # Errors
+    /// When standard output cannot be written, a reader that went away aside.
+    pub fn raw(&self, text: &str) -> anyhow::Result<()> {
+        if !self.json {
+            print(text.trim_end_matches('\n')).context("cannot write to standard output")?;
+        }
+        Ok(())
+    }
+
     /// Prints a warning on standard error, with or without `--json`; once, however often it comes.
     pub fn warn(&self, warning: impl std::fmt::Display) {
         let warning = text::printable(&text::shortened(&warning.to_string())).into_owned();
@@ -155,14 +181,15 @@ impl Console {
         let _ = writeln!(std::io::stderr(), "{}", text::printable(&line.to_string()));
     }
 
-    /// Prints the command's JSON object; silent without `--json`.
+    /// Prints the command's JSON object, which is as the schema of this name and version says (`docs/schema`); silent without `--json`.
     ///
     /// # Errors
     /// When standard output cannot be written, a reader that went away aside.
-    pub fn json(&self, object: &impl Serialize) -> anyhow::Result<()> {
+    pub fn json(&self, schema: &'static str, object: &impl Serialize) -> anyhow::Result<()> {
         if self.json {
             OBJECT_PRINTED.store(true, Ordering::Relaxed);
-            print(serde_json::to_string_pretty(object)?).context("cannot write to standard output")?;
+            print(serde_json::to_string_pretty(&Versioned { schema, object })?)
+                .context("cannot write to standard output")?;
         }
         Ok(())
     }
@@ -190,7 +217,7 @@ impl Console {
         if self.json && !OBJECT_PRINTED.load(Ordering::Relaxed) {
             let failure = Failure { error: FailureReport { message, causes } };
             let is_line = LINES_PRINTED.load(Ordering::Relaxed);
-            let _ = if is_line { self.json_line(&failure) } else { self.json(&failure) };
+            let _ = if is_line { self.json_line(FAILURE, &failure) } else { self.json(FAILURE, &failure) };
         }
     }
 
@@ -198,10 +225,10 @@ impl Console {
     ///
     /// # Errors
     /// When standard output cannot be written, a reader that went away aside.
-    pub fn json_line(&self, object: &impl Serialize) -> anyhow::Result<()> {
+    pub fn json_line(&self, schema: &'static str, object: &impl Serialize) -> anyhow::Result<()> {
         if self.json {
             LINES_PRINTED.store(true, Ordering::Relaxed);
-            print(serde_json::to_string(object)?).context("cannot write to standard output")?;
+            print(serde_json::to_string(&Versioned { schema, object })?).context("cannot write to standard output")?;
         }
         Ok(())
     }

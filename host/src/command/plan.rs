@@ -127,7 +127,7 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
         ));
     }
     tell(&plan, &study.structure.name, console);
-    console.json(&plan)
+    console.json("plan-1", &plan)
 }
 
 fn percent(probability: f64) -> String {

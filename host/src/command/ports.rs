@@ -81,7 +81,7 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
             found.port
         ));
     }
-    console.json(&Report { ports: reports })
+    console.json("ports-1", &Report { ports: reports })
 }
 
 fn ask(name: &str, device: &str, baud: u32) -> PortReport {

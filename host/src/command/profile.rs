@@ -44,7 +44,7 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     let with = arguments.with.as_deref();
     let profiles = console.with_progress(|on_progress| project.profile(with, on_progress))?;
     tell(&profiles, &project, console);
-    console.json(&profiles)
+    console.json("profile-1", &profiles)
 }
 
 fn tell(profiles: &Profiles, project: &Project, console: &Console) {

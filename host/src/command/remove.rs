@@ -39,5 +39,5 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     let report = console.with_progress(|on_progress| project.remove(&arguments.effect, on_progress))?;
     console.warn_all(&report.warnings);
     steps::tell(&report, project.study(), console);
-    console.json(&report)
+    console.json("remove-1", &report)
 }

@@ -181,7 +181,7 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     tell(&nodes, console);
     let complete = nodes.len() == roles_count && nodes.iter().all(|node| node.rows >= node.recording_rows);
     let report = Report { complete, nodes };
-    console.json(&report)?;
+    console.json("replay-1", &report)?;
     let sentence = verdict(&report, roles_count)?;
     console.say(sentence);
     Ok(())

@@ -76,7 +76,7 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     if arguments.open {
         open(&written.file)?;
     }
-    console.json(&Written { report: written.file, pdf, bytes: written.bytes, findings: written.findings })
+    console.json("report-1", &Written { report: written.file, pdf, bytes: written.bytes, findings: written.findings })
 }
 
 /// Prints a page to a PDF file beside it.

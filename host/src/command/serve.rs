@@ -65,7 +65,7 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
         console.say(format!("{}: {address}", project.study().structure.name));
         console.say("Open this address in the browser. Ctrl-C ends the server.");
         // Told to programs, too, as long as the server runs.
-        let told = console.json_line(&serde_json::json!({ "address": address }));
+        let told = console.json_line("serve-1", &serde_json::json!({ "address": address }));
         let opened = if arguments.open { super::report::open(address) } else { Ok(()) };
         if let Err(error) = told.and(opened) {
             console.warn(format!("{error:#}"));

@@ -181,7 +181,7 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
         let study = in_shell(&study.folder);
         console.say(next_lines(&[(format!("identify {study}"), "the modes of the recording")]));
     }
-    console.json(&outcome)
+    console.json("simulate-1", &outcome)
 }
 
 /// The structure without the effects that are asked for: the study's model, or the beam table that is named, scattered where that is asked for.

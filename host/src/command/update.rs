@@ -57,7 +57,7 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     let mut project = Project::open(&arguments.study)?;
     let weights = Weights { frequency: arguments.frequency_weight, shape: arguments.shape_weights.clone() };
     let report = update_project(&mut project, &arguments.modes, &weights, console)?;
-    console.json(&report)?;
+    console.json("update-1", &report)?;
     if !project.study().setups.is_empty() {
         let study = in_shell(&project.study().folder);
         console.say(next_lines(&[(format!("covalidate {study}"), "predict sensors that the model is not shown")]));

@@ -117,7 +117,7 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
                     say(&report, &project, is_live, is_first, console);
                 }
                 console.warn_all(&report.warnings);
-                console.json(&report)?;
+                console.json("watch-1", &report)?;
                 is_first = false;
                 match told {
                     // Whoever is not told by the command is told here, and the watch goes on.

@@ -7,9 +7,11 @@
 pub mod model;
 pub mod modes;
 mod parquet;
+pub mod rows;
 pub mod spectra;
 pub mod table;
 pub mod universal;
+mod universal_model;
 
 #[cfg(test)]
 mod model_tests;

@@ -9,11 +9,12 @@ use nalgebra::DMatrix;
 use num_complex::Complex64;
 
 use super::modes::{Component, Mode, Modes};
+use super::universal_model::{self, ModelModes};
 use super::{ExportError, table, universal, write_bytes, write_file};
 use crate::model::effect::{Effect, EffectError};
 use crate::model::{
-    Assembly, EigenError, LayoutNode, Structure, WholeMatrices, dof_of_row, dofs_csv, fits_in_full, matrix_market,
-    node_and_direction, npy, sparse_matrix_market,
+    Assembly, EigenError, LayoutNode, Structure, WholeMatrices, Wireframe, dof_of_row, dofs_csv, fits_in_full,
+    matrix_market, node_and_direction, npy, sparse_matrix_market,
 };
 use crate::study::Sensor;
 
@@ -49,6 +50,8 @@ pub struct ModelExport<'a> {
     pub structure: &'a Structure,
     /// The study's sensors.
     pub sensors: &'a [Sensor],
+    /// Lines and surfaces of the structure, where the study names some.
+    pub frame: Option<&'a Wireframe>,
 }
 
 /// Effects that are no part of K, M or C: faults of sensors and clocks, forced lines, trends.
@@ -115,8 +118,16 @@ impl ModelExport<'_> {
             note(path, names.len());
         }
         let (path, modes) = (folder.join("model_shapes.csv"), assembly.modal_basis()?.modes(MODES));
-        table::write_rows(&path, &shapes(&layout, names, &assembly.at_rows(&modes.shapes)))?;
+        let at_rows = assembly.at_rows(&modes.shapes);
+        table::write_rows(&path, &shapes(&layout, names, &at_rows))?;
         note(path, dofs);
+        if !layout.is_empty() {
+            let (title, frame, frequency_hz) = (self.title, self.frame, modes.frequency_hz.as_slice());
+            let drawn = ModelModes { title, layout: &layout, frame, frequency_hz, shapes: &at_rows };
+            let path = folder.join("model_shapes.uff");
+            write_file(&path, &universal_model::text(&drawn))?;
+            note(path, frequency_hz.len());
+        }
         let mut warnings = self.warnings(&assembly, &layout);
         let at_sensors = self.modes_at_sensors(&assembly, &modes, &mut warnings)?;
         let (path, count) = (folder.join("model_modes.csv"), at_sensors.modes.len());

@@ -21,7 +21,7 @@ fn effects(words: &[&str]) -> Vec<Effect> {
 
 fn exported(folder: &Path, bare: &Structure, structure: &Structure, format: MatrixFormat) -> Vec<String> {
     let (_, sensors) = tower();
-    let export = ModelExport { title: "Tower", bare, structure, sensors: &sensors };
+    let export = ModelExport { title: "Tower", bare, structure, sensors: &sensors, frame: None };
     export.write(folder, format).unwrap().1
 }
 

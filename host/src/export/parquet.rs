@@ -1,5 +1,6 @@
 //! A Parquet file written row by row: a few columns of text, whole numbers and numbers that may be missing.
 
+use std::borrow::Cow;
 use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -33,6 +34,11 @@ pub(super) struct Text(ByteArray);
 impl Text {
     pub(super) fn new(text: &str) -> Self {
         Self(ByteArray::from(text))
+    }
+
+    /// The text.
+    pub(super) fn text(&self) -> Cow<'_, str> {
+        String::from_utf8_lossy(self.0.data())
     }
 }
 

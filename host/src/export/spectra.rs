@@ -6,8 +6,8 @@
 use std::path::Path;
 
 use super::ExportError;
-use super::parquet::{Cell, Kind, ParquetTable, Text};
-use super::table::{known, write_rows};
+use super::parquet::{Cell, Kind, Text};
+use super::rows::{RowsFile, TableFormat};
 use crate::measure::{Measurement, epoch_s};
 use crate::spectra::{LineGrid, WindowLines};
 use crate::study::{Motion, Setup};
@@ -77,16 +77,16 @@ fn channel_name(setup: &Setup, channel: usize) -> &str {
     setup.sensors.get(channel).map_or("", |sensor| sensor.channel.as_str())
 }
 
-/// Writes the averaged power spectral densities as Parquet and returns the rows.
+/// Writes the averaged power spectral densities and returns the rows.
 ///
 /// # Errors
 /// [`ExportError::Write`] names the file.
-pub fn write_psd_parquet(path: &Path, measurement: &Measurement<'_>) -> Result<u64, ExportError> {
+pub fn write_psd(path: &Path, measurement: &Measurement<'_>, format: TableFormat) -> Result<u64, ExportError> {
     let motions = Column::of_all(measurement.setups.iter().map(|measured| measured.setup));
     let mut columns =
         vec![("setup", Kind::Text), ("channel", Kind::Text), ("averages", Kind::Whole), ("frequency_hz", Kind::Number)];
     columns.extend(motions.iter().map(|motion| (motion.psd_column(), Kind::Number)));
-    let mut table = ParquetTable::create(path, &columns)?;
+    let mut table = RowsFile::create(path, &columns, format)?;
     for row in psd_rows(measurement) {
         let (setup, channel) = (Text::new(&row.setup.name), Text::new(channel_name(row.setup, row.channel)));
         let mut cells = vec![
@@ -102,37 +102,13 @@ pub fn write_psd_parquet(path: &Path, measurement: &Measurement<'_>) -> Result<u
     table.finish()
 }
 
-/// Writes the averaged power spectral densities as CSV and returns the rows.
-///
-/// # Errors
-/// [`ExportError::Write`] names the file.
-pub fn write_psd_csv(path: &Path, measurement: &Measurement<'_>) -> Result<u64, ExportError> {
-    let motions = Column::of_all(measurement.setups.iter().map(|measured| measured.setup));
-    let header = ["setup", "channel", "averages", "frequency_hz"].into_iter();
-    let header = header.chain(motions.iter().map(|motion| motion.psd_column()));
-    let mut rows: Vec<Vec<String>> = vec![header.map(str::to_owned).collect()];
-    for row in psd_rows(measurement) {
-        let mut cells = vec![
-            row.setup.name.clone(),
-            channel_name(row.setup, row.channel).to_owned(),
-            row.averages.to_string(),
-            row.frequency_hz.to_string(),
-        ];
-        let own = |motion: &Column| (*motion == Column::of(row.setup)).then_some(row.psd);
-        cells.extend(motions.iter().map(|motion| known(own(motion))));
-        rows.push(cells);
-    }
-    write_rows(path, &rows)?;
-    Ok(rows.len() as u64 - 1)
-}
-
 /// Writes the complex lines of every window while they are measured: an observer of
 /// [`measure_observed`](crate::measure::measure_observed).
 ///
 /// Lines are as [`WindowLines`] has them: |line|² is the one-sided power spectral density, the phase refers to the start
 /// of the window. A channel without sound data in a window has no rows there.
 pub struct LinesTable {
-    table: ParquetTable,
+    table: RowsFile,
     motions: Vec<Column>,
     /// The setup of the last window, with its channels.
     names: Option<(Text, Vec<Text>)>,
@@ -145,7 +121,7 @@ impl LinesTable {
     ///
     /// # Errors
     /// [`ExportError::Write`] names the file.
-    pub fn create(path: &Path, setups: &[Setup]) -> Result<Self, ExportError> {
+    pub fn create(path: &Path, setups: &[Setup], format: TableFormat) -> Result<Self, ExportError> {
         let motions = Column::of_all(setups.iter());
         let mut columns = vec![
             ("setup", Kind::Text),
@@ -155,7 +131,7 @@ impl LinesTable {
             ("frequency_hz", Kind::Number),
         ];
         columns.extend(motions.iter().flat_map(|motion| motion.line_columns()).map(|name| (name, Kind::Number)));
-        let table = ParquetTable::create(path, &columns)?;
+        let table = RowsFile::create(path, &columns, format)?;
         Ok(Self { table, motions, names: None, name: String::new(), failure: None })
     }
 

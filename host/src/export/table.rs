@@ -1,4 +1,4 @@
-//! Modes as a CSV table: a row a mode, a column a channel and one with its standard deviation.
+//! Modes as tables: as CSV a row a mode, a column a channel and one with its standard deviation; as Parquet a row a mode and channel.
 
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -7,6 +7,7 @@ use num_complex::Complex64;
 
 use super::ExportError;
 use super::modes::{Component, Modes};
+use super::parquet::{Cell, Kind, ParquetTable, Text};
 use crate::files::WholeFile;
 
 const COLUMNS: [&str; 6] =
@@ -44,14 +45,51 @@ pub fn write_csv(path: &Path, modes: &Modes) -> Result<(), ExportError> {
     write_rows(path, &rows)
 }
 
-/// Writes rows of cells as CSV, quoted where they must be; a # too, as readers may take it for a comment.
+/// Writes a table of a row a mode and channel as Parquet, and returns its rows. What is not known is missing.
+///
+/// # Errors
+/// Where the file cannot be written.
+pub fn write_parquet(path: &Path, modes: &Modes) -> Result<u64, ExportError> {
+    let numbers = [COLUMNS[1], COLUMNS[2], COLUMNS[3], COLUMNS[4], COLUMNS[5]].map(|name| (name, Kind::Number));
+    let mut columns = vec![(COLUMNS[0], Kind::Whole)];
+    columns.extend(numbers);
+    columns.push(("channel", Kind::Text));
+    columns.extend(["re", "im", "std"].map(|name| (name, Kind::Number)));
+    let mut table = ParquetTable::create(path, &columns)?;
+    let names: Vec<Text> = modes.sensors.iter().map(|sensor| Text::new(&sensor.channel)).collect();
+    for mode in &modes.modes {
+        let of_mode = [
+            Some(mode.frequency_hz),
+            mode.frequency_std_hz,
+            mode.damping_ratio,
+            mode.damping_ratio_std,
+            mode.phase_collinearity,
+        ];
+        for (name, component) in names.iter().zip(&mode.shape) {
+            let Some(Component { value, std }) = component else { continue };
+            let mut cells = vec![Cell::Whole(mode.number as i64)];
+            cells.extend(of_mode.map(Cell::Number));
+            cells.push(Cell::Text(name));
+            cells.extend([Some(value.re), Some(value.im), *std].map(Cell::Number));
+            table.push(&cells)?;
+        }
+    }
+    table.finish()
+}
+
+/// Writes rows of cells as CSV, quoted where they must be.
 pub(super) fn write_rows(path: &Path, rows: &[Vec<String>]) -> Result<(), ExportError> {
     let fail = |error: csv::Error| ExportError::write(path)(error.into());
-    let file = WholeFile::create(path).map_err(ExportError::write(path))?;
-    let mut csv = csv::WriterBuilder::new().comment(Some(b'#')).from_writer(file);
+    let mut csv = csv_writer(path)?;
     rows.iter().try_for_each(|row| csv.write_record(row)).map_err(fail)?;
     let file = csv.into_inner().map_err(|error| ExportError::write(path)(error.into_error()))?;
     file.finish().map_err(ExportError::write(path))
+}
+
+/// A file that appears when it is finished. A # is quoted too, as readers may take it for a comment.
+pub(super) fn csv_writer(path: &Path) -> Result<csv::Writer<WholeFile>, ExportError> {
+    let file = WholeFile::create(path).map_err(ExportError::write(path))?;
+    Ok(csv::WriterBuilder::new().comment(Some(b'#')).from_writer(file))
 }
 
 pub(super) fn known(value: Option<f64>) -> String {

@@ -8,7 +8,8 @@ use ::parquet::file::reader::{FileReader, SerializedFileReader};
 use ::parquet::record::{Field, Row};
 
 use super::modes::Modes;
-use super::spectra::{LinesTable, write_psd_csv, write_psd_parquet};
+use super::rows::TableFormat::{Csv, Parquet};
+use super::spectra::{LinesTable, write_psd};
 use super::*;
 use crate::measure::{Route, measure_observed};
 use crate::modes::{MeasuredModes, read};
@@ -95,6 +96,24 @@ fn the_table_of_modes_is_read_back_to_the_last_bit() {
     assert!(back.warnings.is_empty(), "{:?}", back.warnings);
     assert_equal_modes(&original, &back, 0.0, true);
     assert_eq!(fs::read_dir(path.parent().unwrap()).unwrap().count(), 1, "nothing partial is left");
+}
+
+#[test]
+fn the_table_of_modes_as_parquet_has_a_row_a_mode_and_channel() {
+    let folder = tempfile::tempdir().unwrap();
+    let study = study(folder.path(), AROUND, "m/s2");
+    write_modes(folder.path(), NAMES);
+    let modes = Modes::load(&study).unwrap();
+    let path = folder.path().join("modes.parquet");
+    assert_eq!(table::write_parquet(&path, &modes).unwrap(), 8);
+    let (names, rows) = parquet_rows(&path);
+    assert_eq!(names[..2], ["mode", "frequency_hz"]);
+    assert_eq!(names[6..], ["channel", "re", "im", "std"]);
+    let second = &rows[1];
+    assert_eq!((number(second, 0), number(second, 1), text(second, 6)), (1.0, 1.234567891, NAMES[1].to_owned()));
+    assert_eq!((number(second, 7), number(second, 8)), (-0.5, 0.03));
+    assert!(number(second, 9).is_nan(), "a deviation that is not known is missing");
+    assert_eq!((number(&rows[6], 7), number(&rows[6], 9)), (-0.123456789, 0.0));
 }
 
 #[test]
@@ -214,20 +233,31 @@ fn averaged_lines_are_the_exported_densities() {
         let study = study(folder.path(), AROUND, unit);
         write_recording(folder.path());
         let lines_file = folder.path().join("lines.parquet");
-        let mut lines = LinesTable::create(&lines_file, &study.setups).unwrap();
+        let mut lines = LinesTable::create(&lines_file, &study.setups, Parquet).unwrap();
+        let lines_csv = folder.path().join("lines.csv");
+        let mut as_text = LinesTable::create(&lines_csv, &study.setups, Csv).unwrap();
         let measurement = measure_observed(&study, Route::Direct, &mut |_, _| {}, &mut |setup, grid, window| {
             lines.observe(setup, grid, window);
+            as_text.observe(setup, grid, window);
         })
         .unwrap();
         let line_rows = lines.finish().unwrap();
+        assert_eq!(as_text.finish().unwrap(), line_rows);
         let psd_file = folder.path().join("psd.parquet");
-        let psd_rows = write_psd_parquet(&psd_file, &measurement).unwrap();
-        assert_eq!(write_psd_csv(&folder.path().join("psd.csv"), &measurement).unwrap(), psd_rows);
+        let psd_rows = write_psd(&psd_file, &measurement, Parquet).unwrap();
+        assert_eq!(write_psd(&folder.path().join("psd.csv"), &measurement, Csv).unwrap(), psd_rows);
         let (psd_names, psd) = parquet_rows(&psd_file);
         let (line_names, lines) = parquet_rows(&lines_file);
         assert_eq!(psd_names, ["setup", "channel", "averages", "frequency_hz", psd_column]);
         assert_eq!(line_names[..6], ["setup", "window", "start_s", "channel", "frequency_hz", line_column]);
         assert_eq!((psd.len() as u64, lines.len() as u64), (psd_rows, line_rows));
+        // Both have the same cells.
+        let mut text_rows = csv::Reader::from_path(&lines_csv).unwrap();
+        assert_eq!(text_rows.headers().unwrap().iter().collect::<Vec<_>>(), line_names);
+        for (row, record) in lines.iter().zip(text_rows.records()) {
+            let record = record.unwrap();
+            assert_eq!((&record[3], record[5].parse::<f64>().unwrap()), (text(row, 3).as_str(), number(row, 5)));
+        }
         let (windows, grid) = (measurement.setups[0].spectrum.averages(), measurement.plan.grid);
         // Three channels; the dead one has neither lines nor a density.
         assert_eq!(psd.len(), 3 * grid.lines);
@@ -257,6 +287,6 @@ fn averaged_lines_are_the_exported_densities() {
 fn a_file_that_is_not_finished_leaves_nothing() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("lines.parquet");
-    drop(LinesTable::create(&path, &study(folder.path(), AROUND, "m/s2").setups).unwrap());
+    drop(LinesTable::create(&path, &study(folder.path(), AROUND, "m/s2").setups, Parquet).unwrap());
     assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0);
 }

@@ -1,5 +1,5 @@
-//! Modes as a universal file: units (dataset 164), the sensors' coordinate systems (18) and places (15), and a complex mode
-//! each (55), as SDRC's universal file format describes them, columns included.
+//! Modes as a universal file: units (dataset 164), the sensors' coordinate systems (18) and places (15), lines between them (82), and a
+//! complex mode each (55), as SDRC's universal file format describes them, columns included.
 //!
 //! A channel is a direction at a node. Channels that are named so (`12x`) keep their node; others become nodes 1 to p in the
 //! study's order, with their component along the node's own axis x (z for vertical ones): a coordinate system says where
@@ -17,7 +17,7 @@ use crate::study::{Direction, Sensor};
 const GLOBAL: usize = 0;
 /// Number of the first coordinate system that is turned; 1 and 2 are the global ones of some tools.
 const FIRST_TURNED: usize = 11;
-const MARK: &str = "    -1\n";
+pub(super) const MARK: &str = "    -1\n";
 
 /// A channel as a direction at a node.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -50,6 +50,7 @@ pub fn text(modes: &Modes, title: &str) -> (String, Vec<String>) {
     let mut text = units();
     text += &systems(&turned);
     text += &nodes(&node_axes);
+    text += &trace_lines(&lines_between(&node_axes), "sensors");
     for mode in &modes.modes {
         text += &dataset_55(mode, &node_axes, title);
     }
@@ -121,7 +122,7 @@ fn axis(direction: Option<Direction>, placed: bool, turned: &mut Vec<[f64; 3]>) 
 }
 
 /// Dataset 164: SI, metres and newtons.
-fn units() -> String {
+pub(super) fn units() -> String {
     let one = exponent(1.0, 17, 'D');
     let kelvin = exponent(273.15, 17, 'D');
     format!(
@@ -161,14 +162,74 @@ fn nodes(node_axes: &[NodeAxis]) -> String {
     if lines.is_empty() { lines } else { format!("{MARK}    15\n{lines}{MARK}") }
 }
 
-/// Dataset 55: a complex mode at nodes.
-fn dataset_55(mode: &Mode, node_axes: &[NodeAxis], title: &str) -> String {
+/// Dataset 82: lines that other programs draw between nodes, a pair each.
+pub(super) fn trace_lines(lines: &[[i64; 2]], name: &str) -> String {
+    /// Nodes of a line of the dataset at most.
+    const MOST: usize = 250;
+    const PEN_UP: i64 = 0;
+    let mut text = String::new();
+    let joined: Vec<[i64; 3]> = lines.iter().map(|&[a, b]| [a, b, PEN_UP]).collect();
+    for (number, part) in (1..).zip(joined.chunks(MOST / 3)) {
+        let entries = part.concat();
+        text += &format!("{MARK}    82\n");
+        text += &integers(&[number, entries.len() as i64, 11]);
+        text += &format!("{name}\n");
+        for entries in entries.chunks(8) {
+            text += &integers(entries);
+        }
+        text += MARK;
+    }
+    text
+}
+
+/// Lines between the nodes of channels of one direction, each to its nearest: the shortest that join all of them.
+fn lines_between(node_axes: &[NodeAxis]) -> Vec<[i64; 2]> {
+    let mut directions: Vec<(usize, usize)> = node_axes.iter().map(|one| (one.system, one.axis)).collect();
+    directions.sort_unstable();
+    directions.dedup();
+    let mut lines = Vec::new();
+    for direction in directions {
+        let mut apart: Vec<(i64, [f64; 3])> = node_axes
+            .iter()
+            .filter(|one| (one.system, one.axis) == direction)
+            .filter_map(|one| Some((one.node, one.position_m?)))
+            .collect();
+        // Prim's: of each node that is not joined yet, the nearest that is, and how far.
+        let Some(first) = apart.pop() else { continue };
+        let mut waiting: Vec<_> = apart.into_iter().map(|one| (one, first.0, distance_m(one.1, first.1))).collect();
+        while let Some(next) = (0..waiting.len()).min_by(|&a, &b| waiting[a].2.total_cmp(&waiting[b].2)) {
+            let ((node, place_m), nearest, _) = waiting.swap_remove(next);
+            lines.push([nearest.min(node), nearest.max(node)]);
+            for (other, nearest, nearest_m) in &mut waiting {
+                let from_here_m = distance_m(other.1, place_m);
+                if from_here_m < *nearest_m {
+                    (*nearest, *nearest_m) = (node, from_here_m);
+                }
+            }
+        }
+    }
+    lines.sort_unstable();
+    // Two directions of one node are joined alike.
+    lines.dedup();
+    lines
+}
+
+fn distance_m(a: [f64; 3], b: [f64; 3]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt()
+}
+
+/// A title as these files can have it.
+pub(super) fn title_line(title: &str) -> String {
     let printable: String =
         title.chars().map(|c| if c.is_ascii_graphic() || c == ' ' { c } else { '?' }).take(80).collect();
-    // A title that a reader would take for the dataset's end.
-    let printable = if printable.trim() == "-1" { "NONE" } else { printable.trim() };
-    let mut text =
-        format!("{MARK}    55\n{printable}\nMode {}, {} Hz\nNONE\nNONE\nNONE\n", mode.number, mode.frequency_hz);
+    // One that a reader would take for the dataset's end.
+    if printable.trim() == "-1" { "NONE".to_owned() } else { printable.trim().to_owned() }
+}
+
+/// Dataset 55: a complex mode at nodes.
+fn dataset_55(mode: &Mode, node_axes: &[NodeAxis], title: &str) -> String {
+    let (title, number, hz) = (title_line(title), mode.number, mode.frequency_hz);
+    let mut text = format!("{MARK}    55\n{title}\nMode {number}, {hz} Hz\nNONE\nNONE\nNONE\n");
     // Structural model, complex eigenvalues of first order, three translations a node, displacement, complex numbers.
     text += &integers(&[1, 3, 2, 8, 5, 3]);
     // Two integers and six numbers follow: load case and mode, then the eigenvalue, modal A and modal B (not known).
@@ -200,17 +261,17 @@ fn eigenvalue(frequency_hz: f64, damping_ratio: f64) -> Complex64 {
 }
 
 /// A line of I10.
-fn integers(numbers: &[i64]) -> String {
+pub(super) fn integers(numbers: &[i64]) -> String {
     numbers.iter().map(|number| format!("{number:10}")).collect::<String>() + "\n"
 }
 
 /// A line of E13.5.
-fn reals(numbers: &[f64]) -> String {
+pub(super) fn reals(numbers: &[f64]) -> String {
     numbers.iter().map(|number| format!("{:>13}", exponent(*number, 5, 'E'))).collect::<String>() + "\n"
 }
 
 /// A number with an exponent of two digits, as Fortran writes it.
-fn exponent(number: f64, decimals: usize, letter: char) -> String {
+pub(super) fn exponent(number: f64, decimals: usize, letter: char) -> String {
     let text = format!("{number:.decimals$e}");
     let (mantissa, power) = text.split_once('e').unwrap_or((&text, "0"));
     match power.parse::<i32>() {

@@ -24,6 +24,7 @@ fn setup(channels: usize, a_node: usize) -> Setup {
         files: Vec::new(),
         live: false,
         block_s: None,
+        utc_offset_h: None,
         variable: None,
         sampling_rate_hz: RATE_HZ,
         unit: Unit::MetrePerSecondSquared,

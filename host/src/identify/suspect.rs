@@ -58,8 +58,21 @@ struct Line {
     channels: Vec<(usize, f64, f64)>,
 }
 
+/// A suspicion.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct Suspicion {
+    /// What seems to be wrong: `reversed`, `unit` or `exchanged`.
+    pub(crate) kind: &'static str,
+    /// The setup.
+    pub(crate) setup: String,
+    /// The channels.
+    pub(crate) channels: Vec<String>,
+    /// A sentence.
+    pub(crate) words: String,
+}
+
 /// Says which channels the modes contradict.
-pub(crate) fn suspicions(modes: &[Mode], measured: &[MeasuredSetup<'_>]) -> Vec<String> {
+pub(crate) fn suspicions(modes: &[Mode], measured: &[MeasuredSetup<'_>]) -> Vec<Suspicion> {
     let modes: Vec<&Mode> = modes.iter().take(LOWEST_MODES).filter(|mode| is_known(mode)).collect();
     let mut channels: Vec<Channel<'_>> = Vec::new();
     for m in measured {
@@ -73,7 +86,15 @@ pub(crate) fn suspicions(modes: &[Mode], measured: &[MeasuredSetup<'_>]) -> Vec<
         }
     }
     let found = suspected(&channels, &lines(&channels));
-    found.into_iter().map(|fault| sentence(&channels, fault, measured.len() > 1)).collect()
+    let of_setup = |at: usize| channels.get(at).map_or_else(String::new, |channel| channel.setup.to_owned());
+    let name = |at: &usize| channels.get(*at).map(|channel| channel.sensor.channel.clone());
+    let suspicion = |fault: Fault| Suspicion {
+        kind: fault.kind(),
+        setup: of_setup(fault.channels()[0]),
+        channels: fault.channels().iter().filter_map(name).collect(),
+        words: sentence(&channels, fault, measured.len() > 1),
+    };
+    found.into_iter().map(suspicion).collect()
 }
 
 /// What is wrong with channels: each fault makes the shapes smoother, and all together leave them smooth.
@@ -97,6 +118,14 @@ fn suspected(channels: &[Channel<'_>], lines: &[Line]) -> Vec<Fault> {
 }
 
 impl Fault {
+    fn kind(self) -> &'static str {
+        match self {
+            Self::Reversed(_) => "reversed",
+            Self::Unit(..) => "unit",
+            Self::Exchanged(..) => "exchanged",
+        }
+    }
+
     /// The channels that it is of.
     fn channels(self) -> Vec<usize> {
         match self {

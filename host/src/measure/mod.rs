@@ -10,6 +10,7 @@ mod faults;
 mod fill;
 mod flat;
 mod gains;
+mod glance;
 mod intervals;
 mod jumps;
 mod limits;
@@ -29,8 +30,8 @@ use crate::fleet::{FleetOptions, FleetReport};
 use crate::identify::{Drift, MeasuredSetup};
 use crate::record::Recording;
 use crate::spectra::{
-    CrossSpectrum, CrossSpectrumAccumulator, LineGrid, Lines, PlanError, SetupExtent, SpectraError, SpectralPlan,
-    WindowLines, rows_for,
+    Alone, CrossSpectrum, CrossSpectrumAccumulator, LineGrid, Lines, PlanError, SetupExtent, SpectraError,
+    SpectralPlan, WindowLines, rows_for,
 };
 use crate::study::{Analysis, Sensor, Setup, Study};
 use faults::{
@@ -43,6 +44,7 @@ use stream::{Streamed, Task};
 
 pub use error::MeasureError;
 pub(crate) use error::may_be_why;
+pub use glance::{ChannelLook, ClippedLook, GapLook, HeldLook, SetupLook, glance};
 pub use intervals::{Interval, measure_intervals};
 pub use overview::{Overview, Ranges, Waterfall};
 
@@ -103,6 +105,8 @@ pub struct Measurement<'a> {
     pub fleets: Vec<FleetReport>,
     /// The channels of each setup whose gains drift.
     pub drifts: Vec<Vec<Drift>>,
+    /// The channels of each setup that have nothing in common with its others.
+    pub alone: Vec<Alone>,
     /// What the reader should know.
     pub warnings: Vec<String>,
     /// Duration of all recordings in s.
@@ -155,6 +159,7 @@ fn measure_prepared<'a>(
     let collected = opened.iter().filter_map(Opened::span).collect();
     let mut done_rows = 0;
     let (mut setups, mut overviews, mut drifts, mut fleets) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+    let mut alone = Vec::new();
     let mut duration_s = 0.0;
     for ((Opened { setup, material, rows }, &decimation), &windows) in
         opened.into_iter().zip(&plan.decimations).zip(&plan.windows)
@@ -171,6 +176,7 @@ fn measure_prepared<'a>(
                 setups.push(measured.setup);
                 overviews.push(measured.overview);
                 drifts.push(measured.drifts);
+                alone.push(measured.alone);
             }
             Err(error) => leave_out(&mut warnings, &mut failure, error),
         }
@@ -178,7 +184,19 @@ fn measure_prepared<'a>(
     if setups.is_empty() {
         return Err(failure.unwrap_or(MeasureError::NoSetups));
     }
-    Ok(Measurement { plan, reasons, collected, setups, overviews, drifts, fleets, warnings, duration_s, timings })
+    Ok(Measurement {
+        plan,
+        reasons,
+        collected,
+        setups,
+        overviews,
+        drifts,
+        alone,
+        fleets,
+        warnings,
+        duration_s,
+        timings,
+    })
 }
 
 /// Where a setup's windows come from.
@@ -402,6 +420,7 @@ struct OneSetup<'a> {
     setup: MeasuredSetup<'a>,
     overview: Overview,
     drifts: Vec<Drift>,
+    alone: Alone,
     fleet: Option<FleetReport>,
     warnings: Vec<String>,
 }
@@ -467,7 +486,7 @@ fn measure_setup<'a>(
             )));
         }
     }
-    Ok(OneSetup { setup: MeasuredSetup { setup, spectrum }, overview, drifts, fleet, warnings })
+    Ok(OneSetup { setup: MeasuredSetup { setup, spectrum }, overview, drifts, alone, fleet, warnings })
 }
 
 /// The spectrum without channels that are cut off too often, and which these are; none where they are most of all.

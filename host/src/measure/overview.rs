@@ -76,6 +76,12 @@ impl Ranges {
         let values = self.bins.iter().skip(channel).step_by(self.channels.max(1));
         values.map(|&[low, high]| if low <= high { [low, high] } else { [f64::NAN; 2] })
     }
+
+    /// Smallest and largest value of a channel; `None` where there is none.
+    pub fn extent(&self, channel: usize) -> Option<[f64; 2]> {
+        let ranges = self.of(channel).filter(|[low, _]| !low.is_nan());
+        ranges.reduce(|[low, high], [least, most]| [low.min(least), high.max(most)])
+    }
 }
 
 /// Densities over time, the mean of all channels.

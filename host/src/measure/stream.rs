@@ -109,12 +109,7 @@ pub(super) fn stream(
     thread::scope(|scope| {
         let (rows_sender, sound_rows) = sync_channel(BLOCKS_AHEAD);
         let (used_sender, used) = channel();
-        let reader = scope.spawn(move || {
-            let stay = setup.sensors.iter().map(|sensor| sensor.reference).collect();
-            let copies = CopyFinder::new(as_recorded(setup), stay);
-            let checks = Checks::new(setup.sensors.len(), setup.sampling_rate_hz, copies);
-            read_ahead(recording, checks, &rows_sender, &used)
-        });
+        let reader = scope.spawn(move || read_ahead(recording, Checks::of(setup), &rows_sender, &used));
         let (window_sender, windows) = sync_channel(WINDOWS_WAITING);
         let taker = scope.spawn(move || take_in(&windows, setup.sensors.len(), sink));
         let orders = setup.derivatives();
@@ -231,7 +226,7 @@ fn read_ahead(
 }
 
 /// What rows go through before spectra are made of them.
-struct Checks {
+pub(super) struct Checks {
     spikes: SpikeFilter,
     limits: Limits,
     jumps: JumpFinder,
@@ -245,6 +240,12 @@ fn as_recorded(setup: &Setup) -> Vec<f64> {
 }
 
 impl Checks {
+    pub(super) fn of(setup: &Setup) -> Self {
+        let stay = setup.sensors.iter().map(|sensor| sensor.reference).collect();
+        let copies = CopyFinder::new(as_recorded(setup), stay);
+        Self::new(setup.sensors.len(), setup.sampling_rate_hz, copies)
+    }
+
     fn new(channels: usize, sampling_rate_hz: f64, copies: CopyFinder) -> Self {
         Self {
             copies,
@@ -256,7 +257,7 @@ impl Checks {
     }
 
     /// Takes rows, row-major, NaN where a sample is missing; fills `sound` with those that are complete with them.
-    fn push(&mut self, rows: &[f64], sound: &mut Vec<f64>) {
+    pub(super) fn push(&mut self, rows: &[f64], sound: &mut Vec<f64>) {
         self.copies.push(rows);
         let rows = self.spikes.push(rows);
         self.limits.push(rows);
@@ -265,7 +266,7 @@ impl Checks {
     }
 
     /// The last rows, and what was found.
-    fn finish(mut self) -> (Vec<f64>, Faults) {
+    pub(super) fn finish(mut self) -> (Vec<f64>, Faults) {
         let (last, spikes) = self.spikes.finish();
         self.limits.push(&last);
         self.jumps.push(&last);

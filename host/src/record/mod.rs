@@ -48,6 +48,7 @@ pub(crate) use files::matching_files;
 pub use hdf5::Hdf5Error;
 pub(crate) use npy::{NpyArray, RowError, read_row};
 pub use report::{ChannelReport, Gap, RecordReport};
+pub(crate) use traces::utc;
 pub(crate) use warning::time_of_day;
 pub use warning::{Affected, RecordWarning};
 
@@ -127,6 +128,15 @@ impl Recording {
     /// Number of channels: the setup's sensors, in their order.
     pub fn channels(&self) -> usize {
         self.selection.columns.len()
+    }
+
+    /// When its first row was, in nanoseconds since 1970 (UTC), where its files say it.
+    ///
+    /// # Errors
+    /// Where the first file cannot be read.
+    pub fn start_ns(&self) -> Result<Option<i64>, RecordError> {
+        let Some(first) = self.files.first() else { return Ok(None) };
+        Ok(first.said(&self.setup)?.start_ns.filter(|start_ns| *start_ns > 0))
     }
 
     /// Exact number of rows of the whole recording, filled gaps and those between joined blocks included. At once for NPY, MATLAB, HDF5, WAV,

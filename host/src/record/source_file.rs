@@ -104,9 +104,16 @@ impl SourceFile {
                 let units = reader.units().into_iter().map(|unit| Some(unit?.to_owned()));
                 Said { channels: rates.zip(units).collect(), start_ns: None }
             }
-            Format::WhiteSpace | Format::Csv | Format::Toa5 | Format::Npy | Format::Mat | Format::Parquet => {
-                Said::default()
+            Format::Toa5 => {
+                let first_s = TextReader::open_toa5(&self.path, &setup.sensors)?.first_stamp_s()?;
+                let ahead_s = setup.utc_offset_h.map(|ahead_h| 3600.0 * ahead_h);
+                // To the millisecond, which the stamp has.
+                let ns = first_s
+                    .zip(ahead_s)
+                    .map(|(first_s, ahead_s)| (1e3 * (first_s - ahead_s)).round() as i64 * 1_000_000);
+                Said { channels: Vec::new(), start_ns: ns }
             }
+            Format::WhiteSpace | Format::Csv | Format::Npy | Format::Mat | Format::Parquet => Said::default(),
         })
     }
 

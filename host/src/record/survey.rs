@@ -14,7 +14,7 @@ use crate::study::{Setup, Unit};
 /// No recording has this rate: a reader that compares it with its own says what that is.
 const NO_RATE_HZ: f64 = 1e-12;
 /// Rates that differ less, relatively, are one.
-pub(crate) const SAME_RATE: f64 = 1e-3;
+const SAME_RATE: f64 = 1e-3;
 
 /// Files that may become a setup.
 #[derive(Debug, Clone, PartialEq)]
@@ -29,6 +29,14 @@ pub struct Surveyed {
     pub rows: u64,
     /// When the first row was, in UTC, where the files say it.
     pub start_utc: Option<String>,
+}
+
+impl Surveyed {
+    /// Whether a channel has the rate of most, or says none.
+    pub fn is_at_rate(&self, channel: &SurveyedChannel) -> bool {
+        let is_other = |(rate_hz, of_most_hz): (f64, f64)| (rate_hz / of_most_hz - 1.0).abs() > SAME_RATE;
+        !channel.rate_hz.zip(self.rate_hz).is_some_and(is_other)
+    }
 }
 
 /// A channel as its file describes it.
@@ -78,6 +86,7 @@ fn survey_one(file: &SourceFile) -> Result<(Columns, Surveyed), RecordError> {
         variable: None,
         sampling_rate_hz: NO_RATE_HZ,
         block_s: None,
+        utc_offset_h: None,
         unit: Unit::MetrePerSecondSquared,
         temperature: None,
         sensors: Vec::new(),

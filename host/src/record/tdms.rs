@@ -16,7 +16,7 @@ use super::columns::Columns;
 use super::error::RecordError;
 use super::files::open_file;
 use crate::study::Setup;
-use metadata::{Fields, Index, Kind, Property, Scaler, read_object};
+use metadata::{Fields, Index, Kind, Property, START_TIME, Scaler, read_object};
 
 const LEAD_BYTES: u64 = 28;
 const HAS_METADATA: u32 = 1 << 1;
@@ -69,6 +69,7 @@ pub(super) fn open(path: &Path, setup: &Setup) -> Result<ChannelReader, RecordEr
     let columns = Columns::Paths(names.clone());
     let wanted = columns.find_all(&setup.sensors, path)?;
     let mut read = Vec::new();
+    let mut start_ns = None;
     for (index, (object, name)) in channels.into_iter().zip(names).enumerate() {
         let scale = match object.scale() {
             Ok(scale) => scale,
@@ -81,10 +82,17 @@ pub(super) fn open(path: &Path, setup: &Setup) -> Result<ChannelReader, RecordEr
         // Without sensors the file is looked into, not read.
         let is_wanted = wanted.contains(&index) || setup.sensors.is_empty();
         let stretches = if is_wanted { object.stretches.clone() } else { Vec::new() };
+        if is_wanted {
+            start_ns = start_ns.or_else(|| object.properties.get(START_TIME)?.moment());
+        }
         let unit = object.properties.get("unit_string").and_then(Property::text).map(str::to_owned);
         read.push(Channel { name, rate_hz: step_s.map(f64::recip), scale, stretches, unit });
     }
-    ChannelReader::new(vec![(path.to_owned(), Source::File(file))], read, true, setup)
+    let reader = ChannelReader::new(vec![(path.to_owned(), Source::File(file))], read, true, setup)?;
+    Ok(match start_ns {
+        Some(start_ns) => reader.from(start_ns),
+        None => reader,
+    })
 }
 
 /// `/'group'/'channel'` as people write it.

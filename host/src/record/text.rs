@@ -114,6 +114,18 @@ impl TextReader {
         Ok(())
     }
 
+    /// The time of the first row, in s since 1970 by the logger's clock, where its times are of the calendar.
+    pub(super) fn first_stamp_s(mut self) -> Result<Option<f64>, RecordError> {
+        let Some(time) = self.time.clone().filter(|time| time.is_stamp) else { return Ok(None) };
+        while self.lines.advance()? {
+            if !self.lines.line().trim_ascii().is_empty() {
+                self.split()?;
+                return self.time_s(&time).map(Some);
+            }
+        }
+        Ok(None)
+    }
+
     fn new(lines: Lines, separator: Separator) -> Self {
         Self {
             lines,

@@ -144,7 +144,7 @@ pub(super) fn unix_ns(year: i64, day: i64, [hours, minutes, seconds]: [i64; 3], 
 }
 
 /// A time as people read it.
-pub(super) fn utc(ns: i64) -> String {
+pub(crate) fn utc(ns: i64) -> String {
     let since = |ns: u64| std::time::UNIX_EPOCH.checked_add(std::time::Duration::from_nanos(ns));
     let time = u64::try_from(ns).ok().and_then(since);
     time.map_or_else(|| "a time before 1970".to_owned(), |time| humantime::format_rfc3339_millis(time).to_string())

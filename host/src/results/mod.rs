@@ -25,6 +25,8 @@ pub const STABILISATION_FILE: &str = "stabilisation.json";
 pub const SPECTRA_FILE: &str = "spectra.json";
 /// The recordings at one glance, for pictures.
 pub const RECORD_FILE: &str = "record.json";
+/// What recordings hold, at the last look.
+pub const LOOK_FILE: &str = "look.json";
 /// The last comparison.
 pub const COMPARISON_FILE: &str = "comparison.json";
 /// The last update.

@@ -36,6 +36,7 @@ fn setup(sensors: Vec<Sensor>, sampling_rate_hz: f64) -> Setup {
         files: vec!["accdata_*.txt".into()],
         live: false,
         block_s: None,
+        utc_offset_h: None,
         variable: None,
         sampling_rate_hz,
         unit: Unit::MetrePerSecondSquared,

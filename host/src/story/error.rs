@@ -15,6 +15,7 @@ use crate::model::{EigenError, ModelError};
 use crate::modes::MeasuredError;
 use crate::picture::PictureError;
 use crate::plan::PlanError;
+use crate::record::RecordError;
 use crate::results::ResultsError;
 use crate::study::StudyError;
 use crate::trend::TrendError;
@@ -41,6 +42,15 @@ pub enum StoryError {
     /// The recordings.
     #[error(transparent)]
     Measure(Box<MeasureError>),
+    /// Files that were to be looked into.
+    #[error(transparent)]
+    Survey(Box<RecordError>),
+    /// One of them, without a sampling rate.
+    #[error("{} does not say its sampling rate; give it with --rate", file.display())]
+    NoRate {
+        /// The file.
+        file: PathBuf,
+    },
     /// Identification.
     #[error(transparent)]
     Identify(Box<IdentifyError>),

@@ -189,7 +189,8 @@ fn identify_lines(
     let mut warnings = measurement.warnings.clone();
     warnings.extend(block_warnings(&identification.modes, &measurement.setups));
     warnings.append(&mut identification.warnings);
-    warnings.extend(suspicions(&identification.modes, &measurement.setups));
+    let suspicions = suspicions(&identification.modes, &measurement.setups);
+    warnings.extend(suspicions.into_iter().map(|suspicion| suspicion.words));
     warnings.extend(phase_suspicions(&identification.modes, &measurement.setups));
     warnings.extend(lean_suspicions(&identification.modes, &measurement.setups));
     identification.warnings = warnings;
@@ -197,7 +198,7 @@ fn identify_lines(
 }
 
 /// Measures, with shorter segments where gaps leave too few windows, or none.
-fn measure_between_gaps<'a>(
+pub(super) fn measure_between_gaps<'a>(
     study: &'a Study,
     route: Route,
     method: Method,

@@ -54,6 +54,7 @@ mod error;
 mod identified;
 mod inputs;
 mod left_out;
+mod looked;
 mod motion;
 mod parts;
 mod planned;
@@ -82,6 +83,7 @@ pub use identified::{LinkReport, Method, ModesReport, SegmentReport, TimingRepor
 pub(crate) use inputs::EFFECTS;
 pub use inputs::Inputs;
 pub use left_out::MOST_NOISE_GAIN;
+pub use looked::{LookReport, ShapesLook, Suspect, look_at_files};
 pub use motion::Stretch;
 pub use planned::{PlanRequest, planned};
 pub use project::{Compared, IdentifyRequest, Project, WrittenReport};

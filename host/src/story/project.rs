@@ -10,6 +10,7 @@ use super::covalidated::{CURVES_FILE, CovalidationReport, CovalidationRequest, c
 use super::error::StoryError;
 use super::identified::{Method, ModesReport, identify, interval_for_temperatures};
 use super::inputs::Inputs;
+use super::looked::{LookReport, look};
 use super::motion::curves_csv;
 use super::planned::{PlanRequest, planned};
 use super::profiled::{self, profiles};
@@ -31,8 +32,8 @@ use crate::plan::Plan;
 use crate::progress::{OnProgress, counted, rows_of};
 use crate::results::{
     CHANGE_FILE, COMPARISON_FILE, COVALIDATION_FILE, DIAGNOSIS_FILE, FINGERPRINTS_FILE, FINGERPRINTS_PICTURE,
-    INPUTS_FILE, MODES_FILE, PLAN_FILE, PROFILE_FILE, RECORD_FILE, REPORT_FILE, Results, ResultsError, SPECTRA_FILE,
-    STABILISATION_FILE, UPDATE_FILE, WATCH_FILE,
+    INPUTS_FILE, LOOK_FILE, MODES_FILE, PLAN_FILE, PROFILE_FILE, RECORD_FILE, REPORT_FILE, Results, ResultsError,
+    SPECTRA_FILE, STABILISATION_FILE, UPDATE_FILE, WATCH_FILE,
 };
 use crate::study::Study;
 use crate::trend::follow;
@@ -100,6 +101,19 @@ impl Project {
     /// Where results are.
     pub fn results(&self) -> &Results {
         &self.results
+    }
+
+    /// Looks at what was recorded; writes what it saw, and draws it.
+    ///
+    /// # Errors
+    /// When no setup can be read, or results cannot be written.
+    pub fn look(&self, on_progress: OnProgress<'_>) -> Result<(LookReport, PathBuf), StoryError> {
+        self.results.make_ready()?;
+        let report = look(&self.study, on_progress)?;
+        let picture = picture::look(&self.study.structure.name, &report)?;
+        self.results.write_json(LOOK_FILE, &report)?;
+        let picture = self.results.write("look.svg", picture.as_bytes())?;
+        Ok((report, picture))
     }
 
     /// The study's model and its measured modes.
@@ -199,7 +213,7 @@ impl Project {
     }
 
     /// Lines of a structure in space, where the study has some; whether the model can be used is asked where it is.
-    fn frame(&self) -> Option<Wireframe> {
+    pub(crate) fn frame(&self) -> Option<Wireframe> {
         Wireframe::read(self.study.model.as_ref()?, &self.study.folder).ok()?.filter(|frame| !frame.is_upright())
     }
 

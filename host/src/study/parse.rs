@@ -19,8 +19,18 @@ use crate::model::is_numbered;
 
 const STUDY_KEYS: &[&str] = &["structure", "setup", "sensor", "measured", "analysis", "model"];
 const STRUCTURE_KEYS: &[&str] = &["name"];
-const SETUP_KEYS: &[&str] =
-    &["name", "files", "variable", "live", "sampling_rate_hz", "block_s", "unit", "temperature", "sensor"];
+const SETUP_KEYS: &[&str] = &[
+    "name",
+    "files",
+    "variable",
+    "live",
+    "sampling_rate_hz",
+    "block_s",
+    "utc_offset_h",
+    "unit",
+    "temperature",
+    "sensor",
+];
 const SENSOR_KEYS: &[&str] = &[
     "channel",
     "point",
@@ -187,6 +197,7 @@ fn setup(section: &Section<'_>) -> Result<Setup, StudyError> {
     if let Some(entry) = section.get("block_s").filter(|_| live) {
         return Err(entry.out_of_range(NO_FILES));
     }
+    let utc_offset_h = section.get("utc_offset_h").map(|entry| utc_offset(&entry)).transpose()?;
     let unit = match section.get("unit") {
         // Nodes send accelerations.
         None if live => Unit::MetrePerSecondSquared,
@@ -207,7 +218,8 @@ fn setup(section: &Section<'_>) -> Result<Setup, StudyError> {
         // A model needs to know of each sensor that it is not of a point's motion.
         sensors.iter_mut().for_each(|sensor| sensor.unit = sensor.unit.or(Some(unit)));
     }
-    let setup = Setup { name, files, live, variable, sampling_rate_hz, block_s, unit, temperature, sensors };
+    let setup =
+        Setup { name, files, live, variable, sampling_rate_hz, block_s, utc_offset_h, unit, temperature, sensors };
     check::sensors(&setup, &sensor_sections)?;
     Ok(setup)
 }
@@ -232,19 +244,18 @@ fn file_patterns(entry: &Entry<'_>, expected: &'static str) -> Result<Vec<String
         .collect()
 }
 
+/// Hours by which a logger's clock is ahead of UTC: no place on Earth is further.
+fn utc_offset(entry: &Entry<'_>) -> Result<f64, StudyError> {
+    const OFFSET: &str = "hours by which the logger's clock is ahead of UTC, from -12 to 14, such as 1.0";
+    let hours = entry.number(OFFSET)?;
+    if (-12.0..=14.0).contains(&hours) { Ok(hours) } else { Err(entry.out_of_range(OFFSET)) }
+}
+
 const UNIT: &str = "one of \"m/s2\", \"g\", \"V\", \"m/s\", \"m\", \"rad\" and \"strain\"";
 
 fn unit(entry: &Entry<'_>, expected: &'static str) -> Result<Unit, StudyError> {
-    match entry.text(expected)?.as_str() {
-        "m/s2" => Ok(Unit::MetrePerSecondSquared),
-        "g" => Ok(Unit::StandardGravity),
-        "V" => Ok(Unit::Volt),
-        "m/s" => Ok(Unit::MetrePerSecond),
-        "m" => Ok(Unit::Metre),
-        "rad" => Ok(Unit::Radian),
-        "strain" => Ok(Unit::Strain),
-        _ => Err(StudyError::UnknownUnit { position: entry.position(), found: entry.written() }),
-    }
+    Unit::of_word(&entry.text(expected)?)
+        .ok_or_else(|| StudyError::UnknownUnit { position: entry.position(), found: entry.written() })
 }
 
 /// `sampled`: by a node, as the sensors of a setup are.

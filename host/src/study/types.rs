@@ -60,6 +60,8 @@ pub struct Setup {
     pub sampling_rate_hz: f64,
     /// Length of the blocks that each file is joined of, in s: between one and the next time is missing that nothing tells.
     pub block_s: Option<f64>,
+    /// Hours by which the clock of a logger that writes dates and times is ahead of UTC; none where nobody says it.
+    pub utc_offset_h: Option<f64>,
     /// What the recorded numbers are, but for sensors that say otherwise.
     pub unit: Unit,
     /// A table of temperatures beside the recording, relative to the study's folder.
@@ -119,6 +121,20 @@ impl Motion {
 }
 
 impl Unit {
+    /// The unit that study.toml has this word for.
+    pub fn of_word(word: &str) -> Option<Self> {
+        Some(match word {
+            "m/s2" => Self::MetrePerSecondSquared,
+            "g" => Self::StandardGravity,
+            "V" => Self::Volt,
+            "m/s" => Self::MetrePerSecond,
+            "m" => Self::Metre,
+            "rad" => Self::Radian,
+            "strain" => Self::Strain,
+            _ => return None,
+        })
+    }
+
     /// The motion that it measures; volts stand for accelerations.
     pub fn motion(self) -> Motion {
         match self {

@@ -27,6 +27,7 @@ fn setup() -> Setup {
         files: Vec::new(),
         live: false,
         block_s: None,
+        utc_offset_h: None,
         variable: None,
         sampling_rate_hz: 50.0,
         unit: Unit::MetrePerSecondSquared,

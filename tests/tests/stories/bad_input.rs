@@ -8,10 +8,10 @@ use assert_cmd::prelude::*;
 use belfry_tests::belfry_command;
 use serde_json::Value;
 
-const RATE_HZ: usize = 20;
+pub(crate) const RATE_HZ: usize = 20;
 
 /// Two modes (1.1 and 2.7 Hz, 2 % damping) at four sensors, driven by noise, with a little sensor noise: 20 minutes.
-fn recording() -> Vec<[f64; 4]> {
+pub(crate) fn recording() -> Vec<[f64; 4]> {
     let mut state = 1_u64;
     let mut noise = || {
         let mut sum = 0.0;

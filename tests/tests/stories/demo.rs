@@ -4,6 +4,8 @@ use assert_cmd::prelude::*;
 use belfry_tests::belfry_command;
 use serde_json::Value;
 
+use crate::said::sound;
+
 fn number(value: &Value) -> f64 {
     value.as_f64().unwrap_or_else(|| panic!("{value} is no number"))
 }
@@ -17,7 +19,7 @@ fn demo(arguments: &[&str]) -> Value {
     let folder = tempfile::tempdir().unwrap();
     let place = folder.path().join("demo");
     let assert = belfry_command().arg("demo").arg(&place).args(arguments).arg("--json").assert().success();
-    serde_json::from_slice(&assert.get_output().stdout).expect("one JSON object")
+    sound(serde_json::from_slice(&assert.get_output().stdout).expect("one JSON object"))
 }
 
 /// Whether a name is that of what was hidden, its height within a twentieth of the tower's (or in a segment of 30 m).

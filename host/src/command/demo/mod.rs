@@ -180,7 +180,7 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
         (format!("compare {folder}"), "step by step; all have --json"),
         (format!("identify {folder} --direct"), "modes without nodes and link"),
     ]));
-    console.json(&outcome)
+    console.json("demo-1", &outcome)
 }
 
 /// Sensors that the paper leaves out of its co-validation.

@@ -28,7 +28,8 @@ pub(super) fn run(arguments: &Arguments, format: Format, console: &Console) -> a
     let (bare, sensors) = (model.bare(), project.study().sensors());
     let left_out = left_out(&bare, &model.effects)?;
     let title = &project.study().structure.name;
-    let export = ModelExport { title, bare: &bare, structure: &structure, sensors: &sensors };
+    let frame = project.frame();
+    let export = ModelExport { title, bare: &bare, structure: &structure, sensors: &sensors, frame: frame.as_ref() };
     let matrices = if format == Format::Npy { MatrixFormat::Numpy } else { MatrixFormat::MatrixMarket };
     let (written, warnings) = export.write(&folder, matrices)?;
     console.warn_all(&warnings);
@@ -43,11 +44,12 @@ pub(super) fn run(arguments: &Arguments, format: Format, console: &Console) -> a
         })
         .collect();
     for WrittenFile { file, rows, .. } in &files {
-        let is_modes = file.file_stem().is_some_and(|stem| stem == "model_modes");
+        let is_modes = file.extension().is_some_and(|ending| ending == "uff")
+            || file.file_stem().is_some_and(|stem| stem == "model_modes");
         console.say(format!("{}: {rows} {}", file.display(), if is_modes { "modes" } else { "rows" }));
     }
     console.say(format!("In a study.toml:\n{}", as_model(&files, project.study())));
-    console.json(&Report { files, left_out })
+    console.json("export-1", &Report { files, left_out })
 }
 
 /// The files as `[model]` of a study in the same folder names them.

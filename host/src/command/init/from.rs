@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use toml::Value;
 
-use crate::record::survey::{SAME_RATE, Surveyed, SurveyedChannel};
+use crate::record::survey::{Surveyed, SurveyedChannel};
 
 /// What stands before a line that the user completes.
 pub(super) const TO_DO: &str = "TODO";
@@ -53,8 +53,7 @@ fn setup(text: &mut String, one: &Surveyed, number: usize, folder: &Path) -> std
     )?;
     let mut sensors = 0;
     for channel in &one.channels {
-        let is_other = |rate_hz: f64| one.rate_hz.is_some_and(|setup_hz| (rate_hz / setup_hz - 1.0).abs() > SAME_RATE);
-        if let Some(rate_hz) = channel.rate_hz.filter(|rate_hz| is_other(*rate_hz)) {
+        if let Some(rate_hz) = channel.rate_hz.filter(|_| !one.is_at_rate(channel)) {
             writeln!(text, "# left out: {}, which has {rate_hz} Hz", quoted(&channel.name))?;
             continue;
         }

@@ -83,27 +83,46 @@ impl Index {
     }
 }
 
+/// The property that says when a channel's first sample was.
+pub(super) const START_TIME: &str = "wf_start_time";
+
 /// What a property says.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Property {
     Number(f64),
     Text(String),
+    /// In nanoseconds since 1970, UTC.
+    Moment(i64),
 }
 
 impl Property {
     pub(super) fn number(&self) -> Option<f64> {
         match self {
             Self::Number(number) => Some(*number),
-            Self::Text(_) => None,
+            Self::Text(_) | Self::Moment(_) => None,
+        }
+    }
+
+    pub(super) fn moment(&self) -> Option<i64> {
+        match self {
+            Self::Moment(ns) => Some(*ns),
+            Self::Text(_) | Self::Number(_) => None,
         }
     }
 
     pub(super) fn text(&self) -> Option<&str> {
         match self {
             Self::Text(text) => Some(text),
-            Self::Number(_) => None,
+            Self::Number(_) | Self::Moment(_) => None,
         }
     }
+}
+
+/// A moment as NI writes it: parts of 2^-64 s, then seconds since 1904. In nanoseconds since 1970; `None` centuries away.
+fn moment(parts: u64, seconds: i64) -> Option<i64> {
+    const FROM_1904_S: i64 = 2_082_844_800;
+    let ns = (u128::from(parts) * 1_000_000_000) >> 64;
+    seconds.checked_sub(FROM_1904_S)?.checked_mul(1_000_000_000)?.checked_add(ns as i64)
 }
 
 /// How numbers of a type are stored, by NI's number of it.
@@ -147,8 +166,8 @@ pub(super) fn read_object(
         let property = match (kind, sample_of(kind)) {
             (TEXT, _) => Some(Property::Text(fields.text().ok_or(SHORT)?)),
             (TIMESTAMP, _) => {
-                fields.take(16).ok_or(SHORT)?;
-                None
+                let (parts, seconds) = (fields.long().ok_or(SHORT)?, fields.long().ok_or(SHORT)?);
+                moment(parts, seconds.cast_signed()).map(Property::Moment)
             }
             (0x21, _) => {
                 fields.take(1).ok_or(SHORT)?;
@@ -162,8 +181,11 @@ pub(super) fn read_object(
         };
         // Those that say how to read it; a file may have thousands of others.
         let is_used = matches!(name.as_str(), "wf_increment" | "unit_string") || name.starts_with("NI_");
-        if let (Some(property), true) = (property, is_used) {
-            properties.insert(name, property);
+        match property {
+            Some(property) if is_used => drop(properties.insert(name, property)),
+            // A recorder that writes it with every segment may say when that began.
+            Some(property) if name == START_TIME => drop(properties.entry(name).or_insert(property)),
+            _ => {}
         }
     }
     Ok(head != NO_DATA)

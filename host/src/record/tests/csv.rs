@@ -187,6 +187,12 @@ fn toa5_of_campbell_goes_by_its_times_of_day() {
     assert_eq!([&rows[0][..], &rows[2], &rows[5]], [[-1.25, 0.5], [4.0, 3.0], [6.0, 5.0]]);
     assert!(rows[1][1].is_nan() && rows[3][0].is_nan() && rows[4][0].is_nan());
     assert_eq!(report.filled_rows, 2);
+    // Python: datetime(2026, 2, 28, 23, 59, 59, 960000, tzinfo=timezone(timedelta(hours=1))).timestamp()
+    for (utc_offset_h, start_ns) in [(None, None), (Some(1.0), Some(1_772_319_599_960_000_000))] {
+        let there = folder(&[("a.dat", text.as_bytes())]);
+        let wanted = Setup { utc_offset_h, ..setup(&["acc_x"], &["a.dat"]) };
+        assert_eq!(Recording::open(&wanted, there.path()).unwrap().start_ns().unwrap(), start_ns);
+    }
     let slow = Setup { sampling_rate_hz: 10.0, ..setup(&["acc_x"], &["a.dat"]) };
     expect_error(&slow, &[("a.dat", text.as_bytes())], &["a.dat", "`TIMESTAMP`", "50.0000 Hz"]);
     let damaged = text.replace("2026-03-01 00:00:00\"", "2026-03-41 00:00:00\"");

@@ -23,6 +23,7 @@ fn setup(channels: &[&str], files: &[&str]) -> Setup {
         files: files.iter().map(|file| (*file).to_owned()).collect(),
         live: false,
         block_s: None,
+        utc_offset_h: None,
         variable: None,
         sampling_rate_hz: 50.0,
         unit: Unit::MetrePerSecondSquared,

@@ -76,6 +76,7 @@ pub fn setup(name: &str, points: &[String], references: &[bool]) -> Setup {
         files: Vec::new(),
         live: false,
         block_s: None,
+        utc_offset_h: None,
         variable: None,
         sampling_rate_hz: 1.0,
         unit: Unit::MetrePerSecondSquared,

@@ -9,6 +9,7 @@ use serde_json::Value;
 
 use super::bench::Bench;
 use super::mast::{archive, folder_in_memory};
+use crate::said::sound;
 
 /// Runs `belfry` with these words and paths.
 fn belfry(words: &[&str]) -> Output {
@@ -22,12 +23,17 @@ fn said(output: &Output, succeeds: bool) -> String {
     text
 }
 
+/// What it prints for programs, whether or not it succeeds.
+fn object(words: &[&str]) -> Value {
+    sound(serde_json::from_slice(&belfry(&[words, &["--json"]].concat()).stdout).unwrap())
+}
+
 /// What `belfry identify --json` prints, and its warnings.
 fn modes(study: &str, range: &[&str]) -> (Value, String) {
     let output = belfry(&[&["identify", study, "--json"], range].concat());
     let warnings = String::from_utf8(output.stderr).unwrap();
     assert!(output.status.success(), "{warnings}");
-    (serde_json::from_slice(&output.stdout).unwrap(), warnings)
+    (sound(serde_json::from_slice(&output.stdout).unwrap()), warnings)
 }
 
 /// Changes the first channel of a window of node 3.
@@ -71,6 +77,7 @@ fn an_archive_is_analysed_in_part_checked_repaired_and_taken_elsewhere() {
         lines
     });
     change(folder, 30, |lines| vec![0; lines.len()]);
+    assert_eq!(object(&["archive", "check", study])["schema"], "archive-check-1");
     let checked = said(&belfry(&["archive", "check", study]), false);
     for part in ["window 20 of node 3", "window 30 of node 3", "belfry archive repair"] {
         assert!(checked.contains(part), "no {part:?} in: {checked}");
@@ -87,6 +94,14 @@ fn an_archive_is_analysed_in_part_checked_repaired_and_taken_elsewhere() {
     let (after, warnings) = modes(study, &[]);
     assert!(!warnings.contains("archive"), "{warnings}");
     assert_eq!(averages(&after), averages(&whole) - 1);
+
+    // The same for programs.
+    change(folder, 31, |lines| vec![0; lines.len()]);
+    assert_eq!(object(&["archive", "repair", study])["lost"].as_array().map(Vec::len), Some(1));
+    assert_eq!(object(&["archive", "prune", study, "--keep", "30s", "--dry-run"])["dry_run"], true);
+    let table = folder.join("windows.csv");
+    let exported = object(&["archive", "export", study, "--output", table.to_str().unwrap()]);
+    assert!(exported["windows"].as_u64() > Some(200), "{exported}");
 
     let elsewhere = folder_in_memory();
     fs::copy(folder.join("study.toml"), elsewhere.path().join("study.toml")).unwrap();

@@ -16,6 +16,7 @@ use belfry_tests::belfry_command;
 use serde_json::Value;
 
 use crate::page::server::Server;
+use crate::said::sound;
 
 use super::mast::{MODES, RATE_HZ, folder_in_memory, fresh_node, is_without_gaps, motion, numbers, write_study};
 
@@ -274,7 +275,14 @@ fn windows_come_once_whatever_happens_to_the_host_and_modes_come_of_them_while_t
     // The drift is known from 20 s on.
     bench.wait_for(120);
     let modes = belfry_command().args(["identify", bench.study(), "--json"]).assert().success();
-    let modes: Value = serde_json::from_slice(&modes.get_output().stdout).unwrap();
+    let modes = sound(serde_json::from_slice(&modes.get_output().stdout).unwrap());
+    // What has come so far can be looked at as a recording can.
+    let look = belfry_command().args(["look", bench.study(), "--json"]).assert().success();
+    let look = sound(serde_json::from_slice(&look.get_output().stdout).unwrap());
+    let seen = &look["setups"][0];
+    assert!(seen["live"] == true && seen["rows"].as_u64() >= Some(100) && seen["start_utc"].is_string(), "{seen}");
+    let is_level = |channel: &Value| channel["rms"].as_f64() > Some(0.0) && channel["missing"].is_u64();
+    assert!(seen["channels"].as_array().unwrap().iter().all(is_level), "{seen}");
     let after = numbers(bench.folder.path(), 3).len();
     // The page shows how the nodes serve, and follows by itself.
     let server = Server::start(bench.study());
@@ -302,7 +310,7 @@ fn windows_come_once_whatever_happens_to_the_host_and_modes_come_of_them_while_t
     assert!(said.lines().all(|line| line.starts_with("20") && line[..24].ends_with('Z')), "{said}");
     // An event a line, the report last.
     let text = String::from_utf8(output.stdout).unwrap();
-    let mut events: Vec<Value> = text.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    let mut events: Vec<Value> = text.lines().map(|line| sound(serde_json::from_str(line).unwrap())).collect();
     let report = events.pop().unwrap();
     assert_eq!((&report["event"], &report["setup"]), (&"end".into(), &"now".into()));
     let of_node = |node: u64, event: &str| -> Vec<&Value> {

@@ -8,7 +8,7 @@ use std::sync::Mutex;
 use belfry_tests::belfry_command;
 
 /// Programs of other people, whose options are their affair.
-const FOREIGN: [&str; 6] = ["probe-rs", "rm", "rustup", "qemu-system-arm", "git", "$EDITOR"];
+const FOREIGN: [&str; 9] = ["probe-rs", "rm", "rustup", "qemu-system-arm", "git", "$EDITOR", "docker", "sudo", "tar"];
 
 /// The help of belfry's commands and of the studies, asked for once each.
 pub(crate) struct CommandHelp {
@@ -79,6 +79,7 @@ impl CommandHelp {
             ["cargo", "+nightly", "miri", "test", "-p", package, ..] => {
                 self.exists(package.trim_start_matches("belfry-"))
             }
+            ["packaging/deb.sh" | "packaging/archive.sh" | "packaging/release.sh", ..] => self.exists(words[0]),
             ["cargo", "build", "--release"]
             | ["cargo", "run"]
             | ["cargo", "install", "probe-rs-tools" | "cargo-fuzz"]

@@ -8,6 +8,8 @@ use std::time::{Duration, Instant};
 use belfry_tests::belfry_command;
 use serde_json::{Value, json};
 
+use crate::said::sound;
+
 /// How long anything may take: the machine may be busy with other tests.
 const PATIENCE: Duration = Duration::from_secs(120);
 
@@ -46,7 +48,7 @@ impl Server {
             belfry_command().args(["serve", study, "--json"]).stdout(Stdio::piped()).spawn().expect("belfry starts");
         let mut line = String::new();
         BufReader::new(child.stdout.take().unwrap()).read_line(&mut line).unwrap();
-        let told: Value = serde_json::from_str(&line).expect("the address, as JSON");
+        let told = sound(serde_json::from_str(&line).expect("the address, as JSON"));
         let address = told["address"].as_str().unwrap().to_owned();
         let (host, path) = address.strip_prefix("http://").unwrap().split_once('/').unwrap();
         let mut server = Self { child, host: host.to_owned(), cookie: String::new(), address: address.clone() };
