@@ -1,0 +1,68 @@
+#!/usr/bin/env bash
+# Installs packages in clean places and tries them there: packaging/try.sh FILE...
+#
+# A .deb goes into an empty root with a package database of its own, an archive into an empty folder. The program then runs without this
+# computer's settings: a study is made, simulated, identified and looked at, and the manual and completions are where they belong.
+set -euo pipefail
+
+run_in() { env --ignore-environment PATH=/usr/bin:/bin HOME="$1" LANG=C.UTF-8 "${@:2}"; }
+
+# The story of a study in an empty home.
+story() {
+    local belfry=$1 home=$2
+    run_in "$home" "$belfry" --version
+    (
+        cd "$home"
+        run_in "$home" "$belfry" init canton --template canton >/dev/null
+        run_in "$home" "$belfry" simulate canton --effect added-mass@443.6m=2e6 --hours 0.5 --adopt >/dev/null
+        run_in "$home" "$belfry" look canton >/dev/null
+        run_in "$home" "$belfry" identify canton --direct --json >modes.json 2>/dev/null
+        run_in "$home" "$belfry" report canton >/dev/null
+        grep --quiet '"frequency_hz"' modes.json
+        test -s canton/results/report.html
+    )
+}
+
+# What a package installs beside the program.
+files() {
+    local share=$1 name
+    for name in identify diagnose look; do
+        gzip --decompress --stdout "$share/man/man1/belfry-$name.1.gz" | grep --quiet "belfry.*$name"
+    done
+    bash -n "$share/bash-completion/completions/belfry"
+    test -s "$share/zsh/vendor-completions/_belfry" && test -s "$share/fish/vendor_completions.d/belfry.fish"
+}
+
+for file in "$@"; do
+    place=$(mktemp -d)
+    trap 'rm -rf "$place"' EXIT
+    mkdir "$place/home"
+    case $file in
+        *.deb)
+            root=$place/root
+            mkdir -p "$root/var/lib/dpkg/info" "$root/var/lib/dpkg/updates" "$root/var/lib/dpkg/triggers"
+            touch "$root/var/lib/dpkg/status" "$root/var/lib/dpkg/available"
+            # Its only dependencies are those of every program in C, which this root does not have.
+            dpkg --root="$root" --force-depends --force-not-root --force-script-chrootless --log=/dev/null --install "$file" >/dev/null 2>"$place/said" \
+                || { cat "$place/said" >&2; exit 1; }
+            dpkg --root="$root" --verify belfry
+            test -s "$root/usr/lib/udev/rules.d/70-belfry.rules"
+            story "$root/usr/bin/belfry" "$place/home"
+            files "$root/usr/share"
+            dpkg --root="$root" --force-not-root --force-script-chrootless --log=/dev/null --purge belfry >/dev/null 2>&1
+            test ! -e "$root/usr/bin/belfry"
+            ;;
+        *.tar.gz)
+            tar --extract --gzip --file "$file" --directory "$place" --strip-components 1
+            story "$place/belfry" "$place/home"
+            files "$place/share"
+            ;;
+        *)
+            echo "error: $file: expected .deb or .tar.gz" >&2
+            exit 2
+            ;;
+    esac
+    rm -rf "$place"
+    trap - EXIT
+    echo "$file: installed and tried"
+done
