@@ -17,7 +17,7 @@ git rev-parse --quiet --verify "refs/tags/$tag" >/dev/null || { echo "error: the
 
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
-git clone --quiet --branch "$tag" --depth 1 "file://$PWD" "$work/belfry"
+git -c advice.detachedHead=false clone --quiet --branch "$tag" --depth 1 "file://$PWD" "$work/belfry"
 cd "$work/belfry"
 version=$(sed -n 's/^version = "\(.*\)"/\1/p' Cargo.toml | head -n 1)
 [ "$tag" = "v$version" ] || { echo "error: the tag is $tag, and Cargo.toml says version $version" >&2; exit 1; }

@@ -46,6 +46,7 @@ mod regression;
 pub mod results;
 pub mod serve;
 pub mod simulate;
+mod spanning;
 pub mod spectra;
 mod statistics;
 pub mod story;

@@ -15,11 +15,12 @@ sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1]))
 import environment
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
-environment.enter(ROOT / "target/foreign-exports", ["numpy==1.26.4", "pyuff==2.5.8", "pyarrow==21.0.0"])
+environment.enter(ROOT / "target/foreign-exports", ["numpy==1.26.4", "pyuff==2.5.8", "pyarrow==21.0.0", "pillow==11.3.0"])
 
 import numpy as np
 import pyarrow.parquet
 import pyuff
+from PIL import Image
 
 BELFRY, STUDY = pathlib.Path(sys.argv[1]).resolve(), pathlib.Path(sys.argv[2]).resolve()
 FOLDER = pathlib.Path(tempfile.mkdtemp())
@@ -82,4 +83,19 @@ def model_modes():
     return len(read)
 
 
-print(f"{measured_modes()} measured modes and {model_modes()} of the model are read by pyuff as Belfry says them")
+def animations():
+    belfry("--of", "animation", "--output", str(FOLDER / "moving"))
+    files = sorted((FOLDER / "moving").glob("animation_*.png"))
+    for file in files:
+        with Image.open(file) as picture:
+            assert picture.is_animated and picture.n_frames == 24, picture
+            frames = []
+            for number in range(picture.n_frames):
+                picture.seek(number)
+                frames.append(np.asarray(picture.convert("RGB"), dtype=int))
+        # Half a period apart the structure is elsewhere; a period of a cosine goes back the way that it came.
+        assert (frames[0] != frames[12]).any()
+    return len(files)
+
+
+print(f"{measured_modes()} measured modes and {model_modes()} of the model are read by pyuff as Belfry says them, {animations()} animations by Pillow")

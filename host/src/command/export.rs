@@ -1,5 +1,6 @@
 //! `belfry export`: modes, spectra, spectral lines and the model as files for other tools.
 
+mod animation;
 mod model;
 
 use std::path::{Path, PathBuf};
@@ -29,6 +30,7 @@ const EXAMPLES: &str = "Examples:
   belfry export canton --of psd --format csv
   belfry export canton --format parquet          modes as a table, a row a mode and channel
   belfry export canton --of lines                every window's complex lines
+  belfry export canton --of animation            every mode as a moving picture (APNG)
   belfry export canton --of model                matrices with effects, and its modes
   belfry export canton --of model --fitted-background --format npy
 
@@ -49,7 +51,7 @@ pub struct Arguments {
     /// What to export
     #[arg(long = "of", value_enum, default_value_t = Content::Modes)]
     pub content: Content,
-    /// The file to write, for a model the folder; a file's ending says the format where --format does not
+    /// The file to write, for a model and animations the folder; a file's ending says the format where --format does not
     #[arg(long, value_name = "FILE")]
     pub output: Option<PathBuf>,
     /// Write the model with its segments as they fit the measured modes best, within the tolerance
@@ -75,6 +77,8 @@ pub enum Content {
     Lines,
     /// Mass and stiffness with the effects in the model, and its modes
     Model,
+    /// Every mode as a moving picture
+    Animation,
 }
 
 /// Formats of exported files.
@@ -93,6 +97,8 @@ pub enum Format {
     Mtx,
     /// Matrices as NumPy files
     Npy,
+    /// Animated PNG
+    Png,
 }
 
 impl Content {
@@ -102,6 +108,7 @@ impl Content {
             Self::Modes => &[Format::Uff55, Format::Csv, Format::Json, Format::Parquet],
             Self::Psd | Self::Lines => &[Format::Parquet, Format::Csv],
             Self::Model => &[Format::Mtx, Format::Npy],
+            Self::Animation => &[Format::Png],
         }
     }
 
@@ -111,6 +118,7 @@ impl Content {
             Self::Modes => &[Format::Uff55, Format::Csv, Format::Json],
             Self::Psd | Self::Lines => &[Format::Parquet],
             Self::Model => &[Format::Mtx],
+            Self::Animation => &[Format::Png],
         }
     }
 
@@ -120,6 +128,7 @@ impl Content {
             Self::Psd => "psd",
             Self::Lines => "lines",
             Self::Model => "model",
+            Self::Animation => "animation",
         }
     }
 }
@@ -133,6 +142,7 @@ impl Format {
             Self::Parquet => "parquet",
             Self::Mtx => "mtx",
             Self::Npy => "npy",
+            Self::Png => "png",
         }
     }
 
@@ -144,6 +154,7 @@ impl Format {
             Self::Parquet => "parquet",
             Self::Mtx => "mtx",
             Self::Npy => "npy",
+            Self::Png => "png",
         }
     }
 
@@ -160,6 +171,7 @@ impl Format {
             "parquet" => Some(Self::Parquet),
             "mtx" => Some(Self::Mtx),
             "npy" => Some(Self::Npy),
+            "png" => Some(Self::Png),
             _ => None,
         }
     }
@@ -201,6 +213,9 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     if let (Content::Model, [format]) = (arguments.content, &formats[..]) {
         return model::run(arguments, *format, console);
     }
+    if arguments.content == Content::Animation {
+        return animation::run(arguments, console);
+    }
     let mut study = Study::load(&arguments.study)?;
     study.range = arguments.range.range_of(&study)?;
     let content = arguments.content;
@@ -233,7 +248,7 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
             }
             rows
         }
-        Content::Model => Vec::new(),
+        Content::Model | Content::Animation => Vec::new(),
     };
     let files: Vec<WrittenFile> = targets
         .into_iter()
@@ -271,7 +286,7 @@ fn formats(arguments: &Arguments) -> Result<Vec<Format>, String> {
     }
     let by_ending = || match &arguments.output {
         None => Ok(None),
-        Some(_) if content == Content::Model => Ok(None),
+        Some(_) if matches!(content, Content::Model | Content::Animation) => Ok(None),
         Some(path) => Format::of_ending(path).map(Some).ok_or_else(|| {
             format!("--output {}: the ending says nothing about the format; give --format too\n", path.display())
         }),
@@ -291,14 +306,19 @@ fn formats(arguments: &Arguments) -> Result<Vec<Format>, String> {
     }
 }
 
-fn export_modes(study: &Study, targets: &[(Format, PathBuf)], console: &Console) -> anyhow::Result<Vec<u64>> {
+/// The modes that `belfry identify` found.
+fn modes_of(study: &Study) -> anyhow::Result<Modes> {
     if let Some(measured) = &study.measured {
         bail!(
             "{}: the study's modes are those of another tool; there are none of `belfry identify` to export",
             study.folder.join(&measured.modes).display()
         );
     }
-    let modes = Modes::load(study)?;
+    Ok(Modes::load(study)?)
+}
+
+fn export_modes(study: &Study, targets: &[(Format, PathBuf)], console: &Console) -> anyhow::Result<Vec<u64>> {
+    let modes = modes_of(study)?;
     let mut rows = Vec::new();
     for (format, path) in targets {
         let mut count = modes.modes.len() as u64;
@@ -312,7 +332,7 @@ fn export_modes(study: &Study, targets: &[(Format, PathBuf)], console: &Console)
                 }
                 write_file(path, &text)?;
             }
-            Format::Json | Format::Mtx | Format::Npy => write_file(path, &modes.json)?,
+            Format::Json | Format::Mtx | Format::Npy | Format::Png => write_file(path, &modes.json)?,
         }
         rows.push(count);
     }

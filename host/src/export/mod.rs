@@ -121,6 +121,6 @@ pub fn write_file(path: &Path, text: &str) -> Result<(), ExportError> {
 }
 
 /// The same of bytes.
-fn write_bytes(path: &Path, bytes: &[u8]) -> Result<(), ExportError> {
+pub(crate) fn write_bytes(path: &Path, bytes: &[u8]) -> Result<(), ExportError> {
     write_whole(path, bytes).map_err(ExportError::write(path))
 }

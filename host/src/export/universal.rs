@@ -11,6 +11,7 @@ use num_complex::Complex64;
 
 use super::modes::{Mode, Modes};
 use crate::modes::node_and_direction;
+use crate::spanning::shortest_lines;
 use crate::study::{Direction, Sensor};
 
 /// The global Cartesian coordinate system.
@@ -182,40 +183,28 @@ pub(super) fn trace_lines(lines: &[[i64; 2]], name: &str) -> String {
     text
 }
 
-/// Lines between the nodes of channels of one direction, each to its nearest: the shortest that join all of them.
+/// Lines between the nodes of channels of one direction.
 fn lines_between(node_axes: &[NodeAxis]) -> Vec<[i64; 2]> {
     let mut directions: Vec<(usize, usize)> = node_axes.iter().map(|one| (one.system, one.axis)).collect();
     directions.sort_unstable();
     directions.dedup();
     let mut lines = Vec::new();
     for direction in directions {
-        let mut apart: Vec<(i64, [f64; 3])> = node_axes
+        let (nodes, places_m): (Vec<i64>, Vec<[f64; 3]>) = node_axes
             .iter()
             .filter(|one| (one.system, one.axis) == direction)
             .filter_map(|one| Some((one.node, one.position_m?)))
-            .collect();
-        // Prim's: of each node that is not joined yet, the nearest that is, and how far.
-        let Some(first) = apart.pop() else { continue };
-        let mut waiting: Vec<_> = apart.into_iter().map(|one| (one, first.0, distance_m(one.1, first.1))).collect();
-        while let Some(next) = (0..waiting.len()).min_by(|&a, &b| waiting[a].2.total_cmp(&waiting[b].2)) {
-            let ((node, place_m), nearest, _) = waiting.swap_remove(next);
-            lines.push([nearest.min(node), nearest.max(node)]);
-            for (other, nearest, nearest_m) in &mut waiting {
-                let from_here_m = distance_m(other.1, place_m);
-                if from_here_m < *nearest_m {
-                    (*nearest, *nearest_m) = (node, from_here_m);
-                }
-            }
-        }
+            .unzip();
+        let label = |at: usize| nodes.get(at).copied();
+        let joined = shortest_lines(&places_m);
+        lines.extend(
+            joined.into_iter().filter_map(|[a, b]| Some([label(a)?, label(b)?])).map(|[a, b]| [a.min(b), a.max(b)]),
+        );
     }
     lines.sort_unstable();
     // Two directions of one node are joined alike.
     lines.dedup();
     lines
-}
-
-fn distance_m(a: [f64; 3], b: [f64; 3]) -> f64 {
-    a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt()
 }
 
 /// A title as these files can have it.

@@ -2,6 +2,7 @@
 //!
 //! What was identified, compared, predicted or added flows in; one SVG a picture flows out.
 
+mod animation;
 mod canvas;
 mod change;
 mod comparison;
@@ -11,6 +12,7 @@ mod fits;
 mod history;
 mod look;
 mod over_time;
+mod png;
 mod profile;
 mod shapes;
 mod singular;
@@ -20,6 +22,7 @@ mod trends;
 mod units;
 mod watch;
 
+pub use animation::animation;
 pub use canvas::PictureError;
 pub use change::change;
 pub use comparison::comparison;

@@ -28,7 +28,7 @@ const ABOVE: f64 = 0.32;
 const MISFIT: RGBColor = colour::HIGH.on_paper();
 
 /// A direction of view: to the right and up in the picture.
-struct Camera {
+pub(super) struct Camera {
     right: [f64; 3],
     up: [f64; 3],
 }
@@ -42,9 +42,9 @@ struct Panel {
 }
 
 /// What the sensors of one place measure, and what the model does along the same directions.
-struct Marked {
-    place_m: [f64; 3],
-    measured: [f64; 3],
+pub(super) struct Marked {
+    pub(super) place_m: [f64; 3],
+    pub(super) measured: [f64; 3],
     model: Option<[f64; 3]>,
 }
 
@@ -129,7 +129,7 @@ pub struct SeenInSpace<'a> {
 }
 
 /// Sensors by place: each measured and, where it is known, the model's motion along its direction; `value` has these by the sensor's index.
-fn marks(sensors: &[Sensor], value: impl Fn(usize) -> Option<(f64, Option<f64>)>) -> Vec<Marked> {
+pub(super) fn marks(sensors: &[Sensor], value: impl Fn(usize) -> Option<(f64, Option<f64>)>) -> Vec<Marked> {
     let mut marks: Vec<Marked> = Vec::new();
     let of_points = sensors.iter().enumerate().filter(|(_, sensor)| sensor.is_of_a_point() && sensor.dof.is_none());
     for (index, sensor) in of_points {
@@ -167,7 +167,7 @@ fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
 
 impl Camera {
     /// Beside the normal of the longest extent in plan.
-    fn of(places_m: &[[f64; 3]]) -> Self {
+    pub(super) fn of(places_m: &[[f64; 3]]) -> Self {
         let count = places_m.len().max(1) as f64;
         let mean = [0, 1].map(|axis| places_m.iter().map(|place| place[axis]).sum::<f64>() / count);
         let sum = |f: &dyn Fn(f64, f64) -> f64| -> f64 {
@@ -179,16 +179,16 @@ impl Camera {
         Self { right: [cos, sin, 0.0], up: [-sin * above, cos * above, level] }
     }
 
-    fn see(&self, place_m: [f64; 3]) -> (f64, f64) {
+    pub(super) fn see(&self, place_m: [f64; 3]) -> (f64, f64) {
         (dot(place_m, self.right), dot(place_m, self.up))
     }
 }
 
-fn moved(place_m: [f64; 3], motion: [f64; 3], amplitude: f64) -> [f64; 3] {
+pub(super) fn moved(place_m: [f64; 3], motion: [f64; 3], amplitude: f64) -> [f64; 3] {
     std::array::from_fn(|axis| place_m[axis] + amplitude * motion[axis])
 }
 
-fn length(motion: [f64; 3]) -> f64 {
+pub(super) fn length(motion: [f64; 3]) -> f64 {
     dot(motion, motion).sqrt()
 }
 
