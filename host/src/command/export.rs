@@ -28,9 +28,9 @@ const EXAMPLES: &str = "Examples:
   belfry export canton --format uff55 --output canton.uff
   belfry export canton --of psd --direct         averaged spectra as Parquet
   belfry export canton --of psd --format csv
-  belfry export canton --format parquet          modes as a table, a row a mode and channel
+  belfry export canton --format parquet          modes as a table
   belfry export canton --of lines                every window's complex lines
-  belfry export canton --of animation            every mode as a moving picture (APNG)
+  belfry export canton --of animation            every mode in motion, as APNG
   belfry export canton --of model                matrices with effects, and its modes
   belfry export canton --of model --fitted-background --format npy
 

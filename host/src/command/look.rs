@@ -17,8 +17,8 @@ use crate::story::{LookReport, Project, look_at_files};
 use crate::study::STUDY_FILE;
 
 const EXAMPLES: &str = "Examples:
-  belfry look canton                       what a study's recordings, or its nodes' windows, hold
-  belfry look mast/*.tdms                  recordings alone, before there is a study
+  belfry look canton              what a study's recordings, or its nodes' windows, hold
+  belfry look mast/*.tdms         recordings alone, before there is a study
   belfry look a.npy --rate 50 --picture a.svg
   belfry look canton --json
 

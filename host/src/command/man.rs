@@ -11,8 +11,8 @@ use super::Console;
 use crate::files::{ready_folder, write_anew};
 
 const EXAMPLES: &str = "Examples:
-  belfry man | man -l -                     the first page
-  belfry man ~/.local/share/man/man1        a page for each command: `man belfry-identify`";
+  belfry man | man -l -                 the first page
+  belfry man ~/.local/share/man/man1    a page a command: `man belfry-identify`";
 
 /// Write the manual: a page for each command
 #[derive(Debug, Args)]
