@@ -98,7 +98,6 @@ fn an_archive_is_analysed_in_part_checked_repaired_and_taken_elsewhere() {
     // The same for programs.
     change(folder, 31, |lines| vec![0; lines.len()]);
     assert_eq!(object(&["archive", "repair", study])["lost"].as_array().map(Vec::len), Some(1));
-    assert_eq!(object(&["archive", "prune", study, "--keep", "30s", "--dry-run"])["dry_run"], true);
     let table = folder.join("windows.csv");
     let exported = object(&["archive", "export", study, "--output", table.to_str().unwrap()]);
     assert!(exported["windows"].as_u64() > Some(200), "{exported}");
