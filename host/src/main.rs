@@ -3,8 +3,9 @@
 use std::process::ExitCode;
 
 use belfry_host::command::{
-    Console, add, archive, calibrate, change, collect, compare, completions, covalidate, demo, diagnose, effects, export,
-    history, identify, init, key, look, man, plan, ports, profile, remove, replay, report, serve, simulate, update, watch,
+    Console, add, archive, calibrate, change, collect, compare, completions, covalidate, demo, diagnose, effects,
+    export, history, identify, init, key, look, man, plan, ports, profile, remove, replay, report, serve, simulate,
+    update, watch,
 };
 use clap::{CommandFactory, Parser, Subcommand};
 

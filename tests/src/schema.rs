@@ -82,6 +82,16 @@ fn shortened(value: &Value) -> String {
     value.to_string().chars().take(60).collect()
 }
 
+/// An object that a command has printed.
+///
+/// # Panics
+/// Where it is not as its schema says.
+pub fn sound(object: Value) -> Value {
+    let faults = faults(&object);
+    assert!(faults.is_empty(), "{}", faults.join("\n"));
+    object
+}
+
 #[cfg(test)]
 mod tests {
     use serde_json::json;

@@ -167,7 +167,7 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
             }
             say(&calibrated, &found, console);
             write(arguments, &study, &entries, console)?;
-            console.json(&report(None, &calibrated, &written(arguments, &entries), false))
+            console.json("calibrate-1", &report(None, &calibrated, &written(arguments, &entries), false))
         }
         (None, None) => bail!("name a --port, or a --recording"),
     }
@@ -247,7 +247,7 @@ fn of_node(
         })?;
         console.say(format!("Node {node} keeps the values too (over a restart only where it has a memory chip)."));
     }
-    console.json(&report(Some(node), &calibrated, &written(arguments, &entries), !arguments.dry_run))
+    console.json("calibrate-1", &report(Some(node), &calibrated, &written(arguments, &entries), !arguments.dry_run))
 }
 
 /// Follows the node over its faces; `None` where it is interrupted.
@@ -311,17 +311,20 @@ fn read(
         cross_axis: None,
         cross_axis_std: None,
     };
-    console.json(&Report {
-        node: Some(hello.node),
-        gravity_m_s2: None,
-        gravity_std_m_s2: None,
-        level_deg: None,
-        seen_level_deg: None,
-        axes: AXES.iter().zip(axes).map(axis).collect(),
-        written: written(arguments, &entries),
-        kept_by_node: true,
-        found_at: Some(moment(time.0)),
-    })
+    console.json(
+        "calibrate-1",
+        &Report {
+            node: Some(hello.node),
+            gravity_m_s2: None,
+            gravity_std_m_s2: None,
+            level_deg: None,
+            seen_level_deg: None,
+            axes: AXES.iter().zip(axes).map(axis).collect(),
+            written: written(arguments, &entries),
+            kept_by_node: true,
+            found_at: Some(moment(time.0)),
+        },
+    )
 }
 
 fn say(calibrated: &Calibrated, found: &[Still], console: &Console) {

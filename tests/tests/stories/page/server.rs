@@ -6,9 +6,8 @@ use std::process::{Child, Stdio};
 use std::time::{Duration, Instant};
 
 use belfry_tests::belfry_command;
+use belfry_tests::schema::sound;
 use serde_json::{Value, json};
-
-use crate::said::sound;
 
 /// How long anything may take: the machine may be busy with other tests.
 const PATIENCE: Duration = Duration::from_secs(120);
