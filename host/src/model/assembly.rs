@@ -324,7 +324,9 @@ impl Assembly {
     /// # Errors
     /// [`EigenError`] where the matrices are not those of a supported structure.
     pub fn modes(&self) -> Result<Modes, EigenError> {
-        Ok(self.modal_basis()?.modes(usize::MAX))
+        let modes = self.modal_basis()?.modes(usize::MAX);
+        modes.are_held()?;
+        Ok(modes)
     }
 
     /// All eigenvectors of K and M, those without mass included.
