@@ -205,7 +205,14 @@ impl FolderLock {
     /// # Errors
     /// When nothing can be written in the folder.
     pub fn take(folder: &Path, on_wait: impl FnOnce()) -> io::Result<Self> {
-        let file = Self::file(folder)?;
+        Self::on(Self::file(folder)?, on_wait)
+    }
+
+    /// The same by another file than a folder's own, as [`open_lock`] opens it.
+    ///
+    /// # Errors
+    /// When it cannot be waited for.
+    pub(crate) fn on(file: File, on_wait: impl FnOnce()) -> io::Result<Self> {
         match file.try_lock() {
             Ok(()) => {}
             Err(TryLockError::WouldBlock) => {

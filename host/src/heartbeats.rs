@@ -12,7 +12,7 @@ use belfry_shared::message::{Heartbeat, SensorState};
 use belfry_shared::time::HostTime;
 use serde::{Deserialize, Serialize};
 
-use crate::files::{WholeFile, behind_links, open_lock, open_plain};
+use crate::files::{FolderLock, WholeFile, behind_links, open_lock, open_plain};
 
 /// The file's name in the study's folder.
 pub const HEARTBEATS_FILE: &str = "heartbeats.jsonl";
@@ -122,8 +122,7 @@ impl HeartbeatLog {
         if self.waiting.is_empty() {
             return Ok(());
         }
-        let lock = open_lock(&self.folder.join(LOCK_FILE))?;
-        held(&lock)?;
+        let _lock = FolderLock::on(open_lock(&self.folder.join(LOCK_FILE))?, || {})?;
         let path = behind_links(&self.file())?;
         if std::fs::metadata(&path).is_ok_and(|metadata| !metadata.is_file()) {
             return Err(io::Error::new(ErrorKind::InvalidInput, "it is a folder, a pipe or a device"));
@@ -141,14 +140,6 @@ impl HeartbeatLog {
         file.sync_data()?;
         self.waiting.clear();
         Ok(())
-    }
-}
-
-/// Waits for a lock, where the file system knows such.
-fn held(lock: &File) -> io::Result<()> {
-    match lock.lock() {
-        Err(error) if error.kind() != ErrorKind::Unsupported => Err(error),
-        _ => Ok(()),
     }
 }
 
@@ -205,8 +196,7 @@ pub fn prune(folder: &Path, before: HostTime, dry_run: bool) -> io::Result<u64> 
     if !path.exists() {
         return Ok(0);
     }
-    let lock = open_lock(&folder.join(LOCK_FILE))?;
-    held(&lock)?;
+    let _lock = FolderLock::on(open_lock(&folder.join(LOCK_FILE))?, || {})?;
     let before_s = 1e-6 * before.0 as f64;
     let mut kept = if dry_run { None } else { Some(WholeFile::create(&path)?) };
     let (mut dropped, mut failure) = (0, None);

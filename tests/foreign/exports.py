@@ -1,4 +1,5 @@
-"""Reads what `belfry export` writes by other programs' libraries: universal files by pyuff, Parquet by PyArrow.
+"""Reads what `belfry export` writes by other programs' libraries: universal files by pyuff, Parquet by PyArrow,
+animations by Pillow.
 
     python3 tests/foreign/exports.py BELFRY STUDY
 

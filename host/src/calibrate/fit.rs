@@ -185,17 +185,14 @@ fn errors_by_tilts(still: &[Still], solved: &[Solved; 3], axis: usize, gravity: 
 
 /// Sum of the squares of the tilts that show, and how many of them are free.
 fn lateral_misfit(still: &[Still], solved: &[Solved; 3], gravity: Gravity) -> (f64, f64) {
-    let lateral = |one: &&Still, axis: usize| one.face.axis != axis;
     let mut squares = 0.0;
-    let mut count = 0_usize;
     for (axis, of_axis) in solved.iter().enumerate() {
-        for one in still.iter().filter(|one| lateral(one, axis)) {
+        for one in still.iter().filter(|one| one.face.axis != axis) {
             squares += seen_tilt(one, of_axis, axis, gravity).powi(2);
-            count += 1;
         }
     }
-    // Each axis has two cross-axis sensitivities.
-    (squares, count.saturating_sub(6).max(1) as f64)
+    // Two of each still time, of which there are six at least; each axis has two cross-axis sensitivities.
+    (squares, (2 * still.len() - 6) as f64)
 }
 
 #[cfg(test)]

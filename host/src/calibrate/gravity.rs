@@ -34,7 +34,7 @@ impl Gravity {
 }
 
 /// Normal gravity of the WGS 84 ellipsoid (Somigliana's formula; NIMA TR8350.2, 3rd edition, equations 4-1 and 4-3), less the free-air gradient.
-pub fn at_latitude_m_s2(latitude_deg: f64, height_m: f64) -> f64 {
+fn at_latitude_m_s2(latitude_deg: f64, height_m: f64) -> f64 {
     const EQUATOR_M_S2: f64 = 9.780_325_335_9;
     const K: f64 = 0.001_931_852_652_41;
     const ECCENTRICITY_2: f64 = 0.006_694_379_990_13;

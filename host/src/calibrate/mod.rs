@@ -15,7 +15,7 @@ mod tumble;
 mod simulated;
 
 pub use fit::{AXES, Axis, Calibrated, fit};
-pub use gravity::{Gravity, at_latitude_m_s2};
+pub use gravity::Gravity;
 pub use known::{differs, entries, from_node, to_node};
 pub use recording::cells_of;
 pub use still::{Cell, Face, Still, faces_of, still};

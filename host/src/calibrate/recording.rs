@@ -17,12 +17,11 @@ const CELL_S: f64 = 1.0;
 pub fn cells_of(file: &Path, setup: &Setup, channels: [&str; 3]) -> Result<Vec<Cell>, RecordError> {
     let sensor = |channel: &str| {
         let known = setup.sensors.iter().find(|sensor| sensor.channel == channel);
-        let raw = Sensor { gain: None, gain_std: None, offset_m_s2: None, ..Sensor::new(channel, 1) };
-        known.map_or(raw.clone(), |known| Sensor {
-            unit: known.unit,
-            sensitivity_v_per_m_s2: known.sensitivity_v_per_m_s2,
-            ..raw
-        })
+        Sensor {
+            unit: known.and_then(|known| known.unit),
+            sensitivity_v_per_m_s2: known.and_then(|known| known.sensitivity_v_per_m_s2),
+            ..Sensor::new(channel, 1)
+        }
     };
     let path: PathBuf = std::path::absolute(file).unwrap_or_else(|_| file.to_owned());
     let tumbled = Setup {

@@ -11,6 +11,7 @@ use super::lock::lock;
 use crate::archive::{Archive, ArchiveError};
 use crate::heartbeats::KeptHeartbeat;
 use crate::link::with_cause;
+use crate::patience::Patience;
 use crate::window::{Configurations, KeptWindows, Loss, NodeWindow, WindowSink};
 
 /// Puts windows of one node into the archive.
@@ -35,18 +36,26 @@ impl ArchiveSink<'_> {
         let mut patience = lock(&collector.patience);
         match written {
             Ok(()) => {
-                if let Some(after) = patience.worked(collector.steady()) {
-                    collector.happened(self.port, None, Happening::ArchiveBack { after });
-                }
+                self.note(&mut patience, None);
                 Ok(())
             }
             Err(error) if error.may_pass() => {
-                if patience.failed(collector.steady()) {
-                    collector.happened(self.port, None, Happening::ArchiveAway { reason: with_cause(&error) });
-                }
+                self.note(&mut patience, Some(with_cause(&error)));
                 Err(ErrorKind::WouldBlock.into())
             }
             Err(error) => Err(io::Error::other(error)),
+        }
+    }
+
+    /// Takes note of how writing went, with why it failed; says so once when it begins to fail, and once when that is over.
+    fn note(&self, patience: &mut Patience, failure: Option<String>) {
+        let now = self.collector.steady();
+        let what = match failure {
+            None => patience.worked(now).map(|after| Happening::ArchiveBack { after }),
+            Some(reason) => patience.failed(now).then_some(Happening::ArchiveAway { reason }),
+        };
+        if let Some(what) = what {
+            self.collector.happened(self.port, None, what);
         }
     }
 }
@@ -94,21 +103,10 @@ impl WindowSink for ArchiveSink<'_> {
         let mut log = lock(&collector.heartbeats);
         log.push(&KeptHeartbeat::new(now, heartbeat));
         let mut patience = lock(&collector.heartbeat_patience);
-        if patience.is_waiting(collector.steady()) {
-            return;
-        }
-        match log.write() {
-            Ok(()) => {
-                if let Some(after) = patience.worked(collector.steady()) {
-                    collector.happened(self.port, None, Happening::ArchiveBack { after });
-                }
-            }
-            Err(error) => {
-                if patience.failed(collector.steady()) {
-                    let reason = format!("{} cannot be written: {error}", log.file().display());
-                    collector.happened(self.port, None, Happening::ArchiveAway { reason });
-                }
-            }
+        if !patience.is_waiting(collector.steady()) {
+            let failure = log.write().err();
+            let reason = failure.map(|error| format!("{} cannot be written: {error}", log.file().display()));
+            self.note(&mut patience, reason);
         }
     }
 

@@ -12,6 +12,7 @@ use serde::Serialize;
 
 use super::Console;
 use super::interrupt::{alone, stop_on_signal};
+use super::route::in_range;
 use super::text::Columns;
 use crate::archive::moment;
 use crate::calibrate::{
@@ -93,10 +94,6 @@ fn level(text: &str) -> Result<f64, String> {
     in_range(text, 0.01..=10.0, "degrees from 0.01 to 10")
 }
 
-fn in_range(text: &str, range: std::ops::RangeInclusive<f64>, expected: &str) -> Result<f64, String> {
-    text.parse().ok().filter(|value| range.contains(value)).ok_or_else(|| format!("expected {expected}"))
-}
-
 /// Time after which a tumble of which nothing more comes is given up.
 const LONGEST: Duration = Duration::from_secs(900);
 /// How long a port is asked who is there.
@@ -166,8 +163,8 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
                 bail!("no sensor of the study has a channel named {}", names.join(", "));
             }
             say(&calibrated, &found, console);
-            write(arguments, &study, &entries, console)?;
-            console.json("calibrate-1", &report(None, &calibrated, &written(arguments, &entries), false))
+            let written = write(arguments, &study, &entries, console)?;
+            console.json("calibrate-1", &report(None, &calibrated, written, false))
         }
         (None, None) => bail!("name a --port, or a --recording"),
     }
@@ -226,9 +223,8 @@ fn of_node(
     }
     let keys = Keys::load()?;
     let start = SystemClock::new();
-    let begun = HostTime::since_epoch(start.unix());
-    let steady = start.steady();
-    let clock = || HostTime(begun.0 + start.steady().saturating_sub(steady).as_micros() as i64);
+    let unix = start.unix();
+    let clock = || HostTime::since_epoch(unix + start.steady());
     let key = keys.of(node).cloned();
     let mut tumble = Tumble::new(&hello, arguments.baud, key, arguments.drop_foreign, gravity.value_m_s2)?;
     console.say(format!(
@@ -239,7 +235,7 @@ fn of_node(
     say(&calibrated, &found, console);
     let kept = to_node(&calibrated.axes, clock());
     let entries = from_node(setups, node, &kept);
-    write(arguments, study, &entries, console)?;
+    let written = write(arguments, study, &entries, console)?;
     if !arguments.dry_run {
         tumble.tell(&kept, &clock, &mut line, &mut |line, time| {
             // A line that fails says so when it is read.
@@ -247,7 +243,7 @@ fn of_node(
         })?;
         console.say(format!("Node {node} keeps the values too (over a restart only where it has a memory chip)."));
     }
-    console.json("calibrate-1", &report(Some(node), &calibrated, &written(arguments, &entries), !arguments.dry_run))
+    console.json("calibrate-1", &report(Some(node), &calibrated, written, !arguments.dry_run))
 }
 
 /// Follows the node over its faces; `None` where it is interrupted.
@@ -291,17 +287,18 @@ fn read(
     hello: &Hello,
     console: &Console,
 ) -> anyhow::Result<()> {
-    let Some(Calibration { time, axes }) = &hello.calibration else {
+    let Some(calibration) = &hello.calibration else {
         bail!("node {} keeps no calibration: tumble it, without --read", hello.node);
     };
-    let entries = from_node(setups, hello.node, &Calibration { time: *time, axes: axes.clone() });
+    let Calibration { time, axes } = calibration;
+    let entries = from_node(setups, hello.node, calibration);
     let mut table = Columns::new(["axis", "gain", "±", "offset m/s²"]);
     for (name, axis) in AXES.iter().zip(axes) {
         let numbers = [axis.gain(), axis.gain_std(), axis.offset_m_s2()].map(|value| format!("{value:.6}"));
         table.row([(*name).to_owned()].into_iter().chain(numbers));
     }
     console.say(format!("Node {}, calibrated on {}:\n{table}", hello.node, moment(time.0)));
-    write(arguments, study, &entries, console)?;
+    let written = write(arguments, study, &entries, console)?;
     let axis = |(name, axis): (&&'static str, &belfry_shared::message::AxisCalibration)| AxisReport {
         axis: name,
         gain: axis.gain(),
@@ -320,7 +317,7 @@ fn read(
             level_deg: None,
             seen_level_deg: None,
             axes: AXES.iter().zip(axes).map(axis).collect(),
-            written: written(arguments, &entries),
+            written,
             kept_by_node: true,
             found_at: Some(moment(time.0)),
         },
@@ -357,10 +354,15 @@ fn say(calibrated: &Calibrated, found: &[Still], console: &Console) {
     }
 }
 
-/// Puts the values into study.toml, unless it is to stay as it is.
-fn write(arguments: &Arguments, study: &Study, entries: &[CalibrationEntry], console: &Console) -> anyhow::Result<()> {
+/// Puts the values into study.toml, unless it is to stay as it is. The sensors whose values are there now, as setup and channel.
+fn write(
+    arguments: &Arguments,
+    study: &Study,
+    entries: &[CalibrationEntry],
+    console: &Console,
+) -> anyhow::Result<Vec<[String; 2]>> {
     if arguments.dry_run {
-        return Ok(());
+        return Ok(Vec::new());
     }
     let _lock = alone(&arguments.study, console)?;
     set_calibration(&study.folder, entries)?;
@@ -369,15 +371,10 @@ fn write(arguments: &Arguments, study: &Study, entries: &[CalibrationEntry], con
         "study.toml has the gain and the offset of {}. They count from now on, also for what was collected before.",
         names.join(", ")
     ));
-    Ok(())
+    Ok(entries.iter().map(|entry| [entry.setup.clone(), entry.channel.clone()]).collect())
 }
 
-fn written(arguments: &Arguments, entries: &[CalibrationEntry]) -> Vec<[String; 2]> {
-    let of = |entry: &CalibrationEntry| [entry.setup.clone(), entry.channel.clone()];
-    if arguments.dry_run { Vec::new() } else { entries.iter().map(of).collect() }
-}
-
-fn report(node: Option<u16>, calibrated: &Calibrated, written: &[[String; 2]], kept_by_node: bool) -> Report {
+fn report(node: Option<u16>, calibrated: &Calibrated, written: Vec<[String; 2]>, kept_by_node: bool) -> Report {
     let Gravity { value_m_s2, relative_std } = calibrated.gravity;
     Report {
         node,
@@ -386,7 +383,7 @@ fn report(node: Option<u16>, calibrated: &Calibrated, written: &[[String; 2]], k
         level_deg: Some(calibrated.level_deg),
         seen_level_deg: Some(calibrated.seen_level_deg),
         axes: AXES.iter().zip(&calibrated.axes).map(|(name, axis)| AxisReport::of(name, axis)).collect(),
-        written: written.to_vec(),
+        written,
         kept_by_node,
         found_at: None,
     }

@@ -1,4 +1,4 @@
-//! `belfry export`: modes, spectra, spectral lines and the model as files for other tools.
+//! `belfry export`: modes, spectra, spectral lines, the model and moving pictures as files for other tools.
 
 mod animation;
 mod model;

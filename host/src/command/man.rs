@@ -49,9 +49,7 @@ pub fn run(arguments: &Arguments, mut line: clap::Command, console: &Console) ->
         console.raw(&page)?;
         return console.json("man-1", &Report { files: Vec::new(), page: Some(page) });
     };
-    std::fs::create_dir_all(folder)
-        .and_then(|()| ready_folder(folder))
-        .with_context(|| format!("cannot write into {}", folder.display()))?;
+    ready_folder(folder).with_context(|| format!("cannot write into {}", folder.display()))?;
     let mut files = Vec::new();
     for Page { file, text } in pages(&line)? {
         let file = folder.join(file);

@@ -7,6 +7,7 @@ use clap::Args;
 use super::Console;
 use super::diagnose::kind;
 use super::interrupt::{alone, leave_nothing_unfinished};
+use super::route::in_range;
 use super::text::{Columns, short, unit_text, values_text};
 use crate::diagnose::Estimate;
 use crate::model::effect::{Effect, find, named};
@@ -66,8 +67,7 @@ pub struct Arguments {
 
 /// A number between bounds.
 fn between(text: &str, least: f64, greatest: f64, expected: &str) -> Result<f64, String> {
-    let number = text.trim().parse::<f64>().ok().filter(|number| (least..=greatest).contains(number));
-    number.ok_or_else(|| format!("expected {expected}, from {least} to {greatest}"))
+    in_range(text.trim(), least..=greatest, &format!("{expected}, from {least} to {greatest}"))
 }
 
 fn hours(text: &str) -> Result<f64, String> {

@@ -1,5 +1,7 @@
 //! Options of commands that read recordings: through simulated nodes and their lines, or directly.
 
+use std::ops::RangeInclusive;
+
 use belfry_shared::message::Summary;
 use clap::Args;
 
@@ -27,11 +29,13 @@ pub struct RouteArguments {
     pub seed: u64,
 }
 
+/// A number within a range.
+pub(super) fn in_range(text: &str, range: RangeInclusive<f64>, expected: &str) -> Result<f64, String> {
+    text.parse().ok().filter(|value| range.contains(value)).ok_or_else(|| format!("expected {expected}"))
+}
+
 pub(super) fn percent(text: &str) -> Result<f64, String> {
-    match text.parse() {
-        Ok(value) if (0.0..=50.0).contains(&value) => Ok(value),
-        _ => Err("expected a number from 0 to 50".to_owned()),
-    }
+    in_range(text, 0.0..=50.0, "a number from 0 to 50")
 }
 
 impl RouteArguments {

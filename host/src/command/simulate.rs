@@ -8,6 +8,7 @@ use serde::Serialize;
 
 use super::Console;
 use super::interrupt::{alone, leave_nothing_unfinished};
+use super::route::in_range;
 use super::text::{in_shell, next_lines};
 use crate::files::write_whole;
 use crate::model::effect::Effect;
@@ -91,17 +92,11 @@ struct Recording {
 }
 
 fn scatter(text: &str) -> Result<f64, String> {
-    match text.parse::<f64>() {
-        Ok(share) if (0.0..=5.0).contains(&share) => Ok(share),
-        _ => Err("expected a number from 0 to 5".to_owned()),
-    }
+    in_range(text, 0.0..=5.0, "a number from 0 to 5")
 }
 
 fn length(text: &str) -> Result<f64, String> {
-    match text.parse::<f64>() {
-        Ok(length) if (0.0..=1e6).contains(&length) => Ok(length),
-        _ => Err("expected a length in m, 0 or above".to_owned()),
-    }
+    in_range(text, 0.0..=1e6, "a length in m, 0 or above")
 }
 
 fn hours(text: &str) -> Result<f64, String> {

@@ -64,14 +64,14 @@ pub struct Left {
 }
 
 impl Left {
-    /// Whether the model's errors fall. Where the model `passes` as it is, they must fall clearly, and not at the price of frequencies; where
-    /// it does not, one effect of several may leave more of the one or of the other. What leaves next to none of them is a relief either way. A
+    /// Whether the model's errors fall. Where the model `is_good` as it is, they must fall clearly, and not at the price of frequencies; where
+    /// it is not, one effect of several may leave more of the one or of the other. What leaves next to none of them is a relief either way. A
     /// fault of a sensor is part of the measurement and no remedy for the model's errors: for that the answer is yes.
-    pub(super) fn is_relief(&self, passes: bool) -> bool {
+    pub(super) fn is_relief(&self, is_good: bool) -> bool {
         let is_nearer = self.frequency < 1.0;
         let is_clear = self.misfit <= LEFT_OVER || self.misfit < MOST_LEFT && self.frequency <= LEFT_OF_FREQUENCIES;
         let explains = self.misfit <= NEXT_TO_NONE_LEFT && self.frequency < FREQUENCIES_OFF;
-        let falls = match passes {
+        let falls = match is_good {
             true => is_clear && is_nearer,
             false => self.misfit < 1.0 && self.frequency < FREQUENCIES_OFF && (is_clear || is_nearer),
         };

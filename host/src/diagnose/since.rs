@@ -224,14 +224,14 @@ fn changed(
     now: &[MeasuredMode],
 ) -> Result<Problem, DiagnoseError> {
     let differences = differences(setting.measured, now);
-    let mass = fitted.state.model.structure.assemble().mass;
+    let mass = &fitted.state.model.assembly.mass;
     let moved = differences.iter().filter_map(|one| {
         let mode = moved_with(setting.measured, before, fitted, one, now)?;
         let is_known = mode.shape.is_some() || mode.stated.is_some();
         // Where no shape says which mode of the model it is, the mode before does.
         let stated = || {
             let (_, block) = fitted.state.residual.block_of(place(setting.measured, before, one.before)?)?;
-            StatedMode::in_model(block.model, &mass, &fitted.state.model.view.modes)
+            StatedMode::in_model(block.model, mass, &fitted.state.model.view.modes)
         };
         Some(if is_known { mode } else { MeasuredMode { stated: stated(), ..mode } })
     });

@@ -1,8 +1,8 @@
 //! Export: what Belfry found, as files that other tools read.
 //!
-//! Modes ([`modes`]) flow out as universal file datasets 55 ([`universal`]) and as a CSV table ([`table`]), both of which
-//! [`crate::modes`] reads back; a model with its effects ([`model`]) as matrices that [`crate::model`] reads back; averaged spectra and the lines of every window ([`spectra`]) as Parquet, written while
-//! they are measured. A file appears whole or not at all.
+//! Modes ([`modes`]) flow out as universal files ([`universal`]) and as tables ([`table`]); [`crate::modes`] reads back the former, and the
+//! latter as CSV. A model with its effects ([`model`]) flows out as matrices that [`crate::model`] reads back; averaged spectra and the lines of
+//! every window ([`spectra`]) as Parquet or CSV, the lines while they are measured. A file appears whole or not at all.
 
 pub mod model;
 pub mod modes;

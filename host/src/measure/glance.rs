@@ -65,13 +65,13 @@ pub struct ChannelLook {
     pub gaps: u64,
     /// The first few of them.
     pub first_gaps: Vec<GapLook>,
-    /// Mean; none of a live setup, or without samples. So are the two below.
+    /// Mean; none of a live setup, or without samples.
     pub mean: Option<f64>,
-    /// Root mean square about the mean.
+    /// Root mean square about the mean; of a live setup that of its windows' levels. None without samples.
     pub rms: Option<f64>,
-    /// The smallest sample.
+    /// The smallest sample; none of a live setup, or without samples.
     pub smallest: Option<f64>,
-    /// The largest; of a live setup the largest level of a window.
+    /// The largest; of a live setup the largest level of a window. None without samples.
     pub largest: Option<f64>,
     /// Whether all samples are equal.
     pub dead: bool,

@@ -110,7 +110,7 @@ impl Assembly {
     pub fn size_m(&self) -> f64 {
         match &self.geometry {
             Geometry::Line(line) => line.z_top_m() - line.z_base_m(),
-            Geometry::Space(nodes) => longest_side_m(nodes),
+            Geometry::Space(nodes) => longest_side_m(nodes.iter().map(|node| node.position_m)),
             Geometry::Unknown | Geometry::Named(_) => 0.0,
         }
     }

@@ -4,6 +4,8 @@
 
 use std::path::Path;
 
+use crate::numbers::fortran;
+
 /// Whether a file is one of Nastran, punched or of bulk data, by its ending.
 pub(crate) fn is_nastran(file: &Path) -> bool {
     let ending = file.extension().and_then(|ending| ending.to_str()).unwrap_or_default();
@@ -12,14 +14,12 @@ pub(crate) fn is_nastran(file: &Path) -> bool {
 
 /// A number as Nastran and Fortran write it: `1.5D+3`, `1.5+3`.
 pub(super) fn real(word: &str) -> Option<f64> {
-    let mut word = word.trim().replace(['d', 'D'], "e");
-    let is_bare = |(at, c): (usize, char)| at > 0 && matches!(c, '+' | '-');
-    if !word.contains(['e', 'E'])
-        && let Some((at, _)) = word.char_indices().find(|place| is_bare(*place))
-    {
-        word.insert(at, 'e');
+    let word = word.trim();
+    let is_bare = |(at, c): &(usize, char)| *at > 0 && matches!(c, '+' | '-');
+    match word.char_indices().find(is_bare) {
+        Some((at, _)) if !word.contains(['d', 'D', 'e', 'E']) => fortran(&format!("{}e{}", &word[..at], &word[at..])),
+        _ => fortran(word),
     }
-    word.parse().ok()
 }
 
 /// A card of bulk data: the line that it starts on, and its fields behind the keyword.

@@ -50,9 +50,9 @@ pub(crate) fn sides_m(places_m: impl Iterator<Item = [f64; 3]> + Clone) -> [f64;
     [0, 1, 2].map(side)
 }
 
-/// The longest side of the box around nodes, in m.
-pub(super) fn longest_side_m(nodes: &[LayoutNode]) -> f64 {
-    sides_m(nodes.iter().map(|node| node.position_m)).into_iter().fold(0.0, f64::max)
+/// The longest side of the box around places, in m.
+pub(crate) fn longest_side_m(places_m: impl Iterator<Item = [f64; 3]> + Clone) -> f64 {
+    sides_m(places_m).into_iter().fold(0.0, f64::max)
 }
 
 /// Why a layout was refused.
@@ -191,7 +191,7 @@ pub(super) fn read_nodes(path: &Path, dofs: usize) -> Result<Vec<LayoutNode>, La
 pub(super) const LONGEST_M: f64 = 10_000.0;
 
 fn check_size(path: &Path, nodes: &[LayoutNode]) -> Result<(), LayoutError> {
-    let size_m = longest_side_m(nodes);
+    let size_m = longest_side_m(nodes.iter().map(|node| node.position_m));
     if size_m > LONGEST_M { Err(LayoutError::TooWide { file: path.to_owned(), size_m }) } else { Ok(()) }
 }
 

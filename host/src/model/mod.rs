@@ -63,7 +63,7 @@ pub use eigen::{EigenError, ModalBasis, Modes, eigenmodes};
 pub use element::Compression;
 pub use joint::Element;
 pub use layout::{LayoutError, LayoutNode, dof_of_row, dofs_csv, node_and_direction};
-pub(crate) use layout::{is_list_of_rows, sides_m};
+pub(crate) use layout::{is_list_of_rows, longest_side_m, sides_m};
 pub use load::{Freedoms, LoadedModel, ModelError, load, load_up_to, read_beam, section};
 pub use matrices::{ImportedMatrices, MatrixError, WholeMatrices, matrix_market, npy, sparse_matrix_market};
 pub(crate) use numbered_nodes::{is_numbered, read_numbered_positions};

@@ -47,7 +47,7 @@ pub(super) fn read_numbered_nodes(path: &Path, factor: f64, places: &[String]) -
         }
     }
     nodes.sort_by(|a, b| a.position_m[2].total_cmp(&b.position_m[2]));
-    let size_m = longest_side_m(&nodes);
+    let size_m = longest_side_m(nodes.iter().map(|node| node.position_m));
     if size_m > LONGEST_M {
         return Err(unusable(format!(
             "nodes spread over {size_m:.0} m; are their places in mm? Then give their factor, nodes = [\"{}\", 0.001]",

@@ -372,7 +372,7 @@ impl Assembly {
                 let place = [x, y, elevation_m];
                 let nearest = nearest_node(nodes, place);
                 let (nearest, distance_m) = nearest.ok_or_else(|| SensorError::NoPlaces { channel: channel() })?;
-                if distance_m > (FAR * longest_side_m(nodes)).max(NODE_TOLERANCE_M) {
+                if distance_m > (FAR * longest_side_m(nodes.iter().map(|node| node.position_m))).max(NODE_TOLERANCE_M) {
                     return Err(SensorError::NotAtNode {
                         channel: channel(),
                         place,

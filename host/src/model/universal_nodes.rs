@@ -7,30 +7,33 @@ use std::collections::HashMap;
 use super::matrix_files::MOST_ROWS;
 use crate::numbers::fortran;
 
+/// The datasets of a file: the number of each, and its lines with their places in the file, from 1.
+fn datasets(text: &str) -> impl Iterator<Item = (&str, Vec<(usize, &str)>)> {
+    fn is_mark(line: &str) -> bool {
+        line.trim() == "-1"
+    }
+    let mut lines = (1..).zip(text.lines());
+    std::iter::from_fn(move || {
+        lines.find(|(_, line)| is_mark(line))?;
+        let (_, number) = lines.next()?;
+        Some((number.trim(), lines.by_ref().take_while(|(_, line)| !is_mark(line)).collect()))
+    })
+}
+
 /// Where each node stands, in m.
 ///
 /// # Errors
 /// A sentence that names the line.
 pub(super) fn positions(text: &str) -> Result<HashMap<i64, [f64; 3]>, String> {
+    const NODE: &str = "a node and its coordinate systems were expected";
+    const PLACE: &str = "x, y and z were expected";
     let mut positions = HashMap::new();
     let mut metres = 1.0;
-    let mut lines = text.lines().enumerate();
-    let is_mark = |line: &str| line.trim() == "-1";
-    while let Some((_, line)) = lines.next() {
-        if !is_mark(line) {
-            continue;
-        }
-        let Some((_, number)) = lines.next() else { break };
-        let number = number.trim().to_owned();
+    for (number, lines) in datasets(text) {
         let mut of_node: Option<i64> = None;
-        let mut line_of_dataset = 0;
-        for (index, line) in lines.by_ref() {
-            if is_mark(line) {
-                break;
-            }
-            line_of_dataset += 1;
+        for (at, (place, line)) in lines.into_iter().enumerate() {
             let words: Vec<&str> = line.split_whitespace().collect();
-            let wrong = |expected: &str| format!("line {}: `{}` where {expected}", index + 1, line.trim());
+            let wrong = |expected: &str| format!("line {place}: `{}` where {expected}", line.trim());
             let numbers = |from: usize| {
                 let real = |at: usize| fortran(words.get(at)?);
                 Some([real(from)?, real(from + 1)?, real(from + 2)?])
@@ -41,11 +44,9 @@ pub(super) fn positions(text: &str) -> Result<HashMap<i64, [f64; 3]>, String> {
                 positions.insert(node, place.map(|length| length / metres));
                 if positions.len() > MOST_ROWS { Err(format!("more than {MOST_ROWS} nodes")) } else { Ok(()) }
             };
-            const NODE: &str = "a node and its coordinate systems were expected";
-            const PLACE: &str = "x, y and z were expected";
-            match (number.as_str(), of_node) {
+            match (number, of_node) {
                 // Its second line: the factors of length, force and temperature.
-                ("164", _) if line_of_dataset == 2 => {
+                ("164", _) if at == 1 => {
                     metres = numbers(0)
                         .map(|all| all[0])
                         .filter(|factor| *factor > 0.0)
@@ -73,27 +74,17 @@ pub(super) fn positions(text: &str) -> Result<HashMap<i64, [f64; 3]>, String> {
 /// A sentence that names the line.
 pub(super) fn trace_lines(text: &str) -> Result<Vec<(usize, [i64; 2])>, String> {
     let mut pairs = Vec::new();
-    let mut lines = text.lines().enumerate();
-    let is_mark = |line: &str| line.trim() == "-1";
-    while let Some((_, line)) = lines.next() {
-        if !is_mark(line) {
-            continue;
-        }
-        let Some((_, number)) = lines.next() else { break };
-        let is_of_lines = number.trim() == "82";
+    for (_, lines) in datasets(text).filter(|(number, _)| *number == "82") {
         let mut before = 0;
-        for (at, (index, line)) in lines.by_ref().take_while(|(_, line)| !is_mark(line)).enumerate() {
-            // Number of the line, its nodes and its colour; a name; then the nodes, with 0 where the pen is lifted.
-            if !is_of_lines || at < 2 {
-                continue;
-            }
+        // Number of the line, its nodes and its colour; a name; then the nodes, with 0 where the pen is lifted.
+        for (place, line) in lines.into_iter().skip(2) {
             for word in line.split_whitespace() {
                 let node = word.parse::<i64>().ok().filter(|node| *node >= 0);
                 let node = node.ok_or_else(|| {
-                    format!("line {}: `{word}` where the number of a node, or 0 for a gap, was expected", index + 1)
+                    format!("line {place}: `{word}` where the number of a node, or 0 for a gap, was expected")
                 })?;
                 if before > 0 && node > 0 && node != before {
-                    pairs.push((index + 1, [before, node]));
+                    pairs.push((place, [before, node]));
                 }
                 before = node;
             }

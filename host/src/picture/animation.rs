@@ -11,7 +11,7 @@ use plotters::style::RGBColor;
 use super::canvas::{FRAME, MEASURED};
 use super::png::{Pixels, animated};
 use super::space::{Camera, Marked, length, marks, moved};
-use crate::model::{Wireframe, sides_m};
+use crate::model::{Wireframe, longest_side_m};
 use crate::spanning::shortest_lines;
 use crate::study::Sensor;
 
@@ -52,8 +52,15 @@ pub fn animation(
     };
     let lines = shortest_lines(&places);
     let all = || places.iter().chain(&at_rest).copied();
-    let amplitude = TRAVEL * sides_m(all()).into_iter().fold(0.0, f64::max) / largest;
+    let amplitude = TRAVEL * longest_side_m(all()) / largest;
     let window = Window::of(Camera::of(&all().collect::<Vec<_>>()), all(), amplitude * largest);
+    // The structure at rest is behind every frame.
+    let mut background = window.blank();
+    let (rest_m, its_lines) = if edges.is_empty() { (&places, &lines) } else { (&at_rest, &edges) };
+    for ends in its_lines {
+        let [from, to] = ends.map(|end| window.at(rest_m.get(end).copied().unwrap_or_default()));
+        stroke(&mut background, from, to, LINE, FRAME);
+    }
     let mut frames = Vec::with_capacity(FRAMES);
     for number in 0..FRAMES {
         let (sin, cos) = (TAU * number as f64 / FRAMES as f64).sin_cos();
@@ -63,16 +70,7 @@ pub fn animation(
             window.at(moved(re.place_m, motion, amplitude))
         };
         let now: Vec<[f64; 2]> = real.iter().zip(&imaginary).map(place).collect();
-        let mut canvas = window.blank();
-        let rest = |places: &[[f64; 3]], ends: &[usize; 2]| {
-            let [from, to] = ends.map(|end| places.get(end).copied().unwrap_or_default());
-            [window.at(from), window.at(to)]
-        };
-        let (background, its_lines) = if edges.is_empty() { (&places, &lines) } else { (&at_rest, &edges) };
-        for ends in its_lines {
-            let [from, to] = rest(background, ends);
-            stroke(&mut canvas, from, to, LINE, FRAME);
-        }
+        let mut canvas = background.clone();
         for [from, to] in &lines {
             if let (Some(from), Some(to)) = (now.get(*from), now.get(*to)) {
                 stroke(&mut canvas, *from, *to, LINE, MEASURED);

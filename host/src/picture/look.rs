@@ -2,13 +2,12 @@
 
 use plotters::prelude::*;
 
-use super::canvas::{Area, BAD, DrawResult, FRAME, INK, MEASURED, PictureError, axis_digits, fixed, picture, width_of};
+use super::canvas::{Area, BAD, DrawResult, FRAME, INK, MEASURED, PictureError, axis_digits, fixed, width_of};
+use super::over_time::parts;
 use crate::measure::{ChannelLook, SetupLook};
 use crate::numbers::short;
 use crate::story::LookReport;
 
-const WIDTH: u32 = 960;
-const TITLE: u32 = 56;
 /// Heights of a setup's heading, of a channel's band, and of the axis of time.
 const HEADING: u32 = 26;
 const BAND: u32 = 34;
@@ -28,21 +27,11 @@ const SMALL: u32 = 12;
 /// When drawing fails.
 pub fn look(title: &str, report: &LookReport) -> Result<String, PictureError> {
     let shown = |seen: &SetupLook| seen.channels.len().min(MOST) as u32;
-    let height_of = |seen: &SetupLook| HEADING + BAND * shown(seen) + AXIS;
-    let size = (WIDTH, TITLE + report.setups.iter().map(height_of).sum::<u32>());
-    picture("the look", size, |root| {
-        root.draw(&Text::new(format!("{title}: what was recorded"), (12, 8), ("sans-serif", 16)))?;
-        let words =
-            "Band: from the smallest to the largest sample at each time, about the mean. White: missing. Red: suspect.";
-        root.draw(&Text::new(words, (12, 32), ("sans-serif", 13)))?;
-        let (_, mut rest) = root.split_vertically(TITLE);
-        for seen in &report.setups {
-            let (area, below) = rest.split_vertically(height_of(seen));
-            draw(&area, seen, report)?;
-            rest = below;
-        }
-        Ok(())
-    })
+    let heights: Vec<u32> = report.setups.iter().map(|seen| HEADING + BAND * shown(seen) + AXIS).collect();
+    let title = format!("{title}: what was recorded");
+    let words =
+        "Band: from the smallest to the largest sample at each time, about the mean. White: missing. Red: suspect.";
+    parts("the look", [&title, words], &heights, |index, area| draw(area, &report.setups[index], report))
 }
 
 fn draw(area: &Area<'_>, seen: &SetupLook, report: &LookReport) -> DrawResult {

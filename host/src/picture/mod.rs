@@ -1,6 +1,6 @@
-//! Pictures, as SVG text.
+//! Pictures: SVG text, and animated PNG for modes in motion.
 //!
-//! What was identified, compared, predicted or added flows in; one SVG a picture flows out.
+//! What was recorded, identified, compared, predicted or added flows in; one file's content a picture flows out.
 
 mod animation;
 mod canvas;

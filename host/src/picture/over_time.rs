@@ -10,26 +10,35 @@ const WIDTH: u32 = 960;
 const TITLE: u32 = 56;
 const AXIS: u32 = 40;
 
-/// A picture of so many panels of a height in pixels; `draw` gets the area of each and whether it is the last, which has the axis of time.
-pub(super) fn stacked(
+/// A picture of parts of these heights in pixels, one below the other; `draw` gets the area of each.
+pub(super) fn parts(
     what: &'static str,
     [title, words]: [&str; 2],
-    (panels, height): (usize, u32),
-    draw: impl Fn(usize, &Area<'_>, bool) -> DrawResult,
+    heights: &[u32],
+    draw: impl Fn(usize, &Area<'_>) -> DrawResult,
 ) -> Result<String, PictureError> {
-    let size = (WIDTH, TITLE + AXIS + height * panels as u32);
-    picture(what, size, |root| {
+    picture(what, (WIDTH, TITLE + heights.iter().sum::<u32>()), |root| {
         root.draw(&Text::new(title.to_owned(), (12, 8), ("sans-serif", 16)))?;
         root.draw(&Text::new(words.to_owned(), (12, 32), ("sans-serif", 13)))?;
         let (_, mut rest) = root.split_vertically(TITLE);
-        for index in 0..panels {
-            let is_last = index + 1 == panels;
-            let (area, below) = rest.split_vertically(if is_last { height + AXIS } else { height });
-            draw(index, &area, is_last)?;
+        for (index, height) in heights.iter().enumerate() {
+            let (area, below) = rest.split_vertically(*height);
+            draw(index, &area)?;
             rest = below;
         }
         Ok(())
     })
+}
+
+/// A picture of so many panels of a height in pixels; `draw` gets the area of each and whether it is the last, which has the axis of time.
+pub(super) fn stacked(
+    what: &'static str,
+    words: [&str; 2],
+    (panels, height): (usize, u32),
+    draw: impl Fn(usize, &Area<'_>, bool) -> DrawResult,
+) -> Result<String, PictureError> {
+    let heights: Vec<u32> = (1..=panels).map(|number| if number == panels { height + AXIS } else { height }).collect();
+    parts(what, words, &heights, |index, area| draw(index, area, index + 1 == panels))
 }
 
 /// The frame of a panel from time 0 to `span`, with its name, and `below` the words of the axis of time where it has one.

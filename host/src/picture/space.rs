@@ -9,7 +9,7 @@ use super::canvas::{
 use crate::colour;
 use crate::compare::{Comparison, GroupMisfit, HeightMisfit, ModelView, scale};
 use crate::identify::{Identification, Mode};
-use crate::model::{Assembly, Wireframe, sides_m};
+use crate::model::{Assembly, Wireframe, longest_side_m};
 use crate::modes::MeasuredMode;
 use crate::numbers::mac_words;
 use crate::study::Sensor;
@@ -205,7 +205,7 @@ fn draw_all(
     }
     let camera = Camera::of(&frame.places_m);
     let all = || frame.places_m.iter().copied();
-    let travel_m = TRAVEL * sides_m(all()).into_iter().fold(0.0, f64::max);
+    let travel_m = TRAVEL * longest_side_m(all());
     let seen = all().chain(panels.iter().flat_map(|panel| panel.marks.iter().map(|mark| mark.place_m)));
     let (mut x, mut y) = ((f64::INFINITY, f64::NEG_INFINITY), (f64::INFINITY, f64::NEG_INFINITY));
     for (right, up) in seen.map(|place_m| camera.see(place_m)) {

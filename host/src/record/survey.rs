@@ -9,7 +9,7 @@ use super::columns::{Columns, is_time_column};
 use super::error::RecordError;
 use super::source_file::SourceFile;
 use super::traces;
-use crate::study::{Setup, Unit};
+use crate::study::Setup;
 
 /// No recording has this rate: a reader that compares it with its own says what that is.
 const NO_RATE_HZ: f64 = 1e-12;
@@ -79,18 +79,7 @@ pub fn survey(paths: Vec<PathBuf>) -> Result<Vec<Surveyed>, RecordError> {
 }
 
 fn survey_one(file: &SourceFile) -> Result<(Columns, Surveyed), RecordError> {
-    let asked = Setup {
-        name: String::new(),
-        files: Vec::new(),
-        live: false,
-        variable: None,
-        sampling_rate_hz: NO_RATE_HZ,
-        block_s: None,
-        utc_offset_h: None,
-        unit: Unit::MetrePerSecondSquared,
-        temperature: None,
-        sensors: Vec::new(),
-    };
+    let asked = Setup::new("", NO_RATE_HZ, Vec::new());
     let (columns, of_times_hz) = match file.inspect(&asked) {
         Ok(columns) => (columns, None),
         Err(RecordError::RateDiffers { measured_hz, .. }) => {

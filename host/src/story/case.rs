@@ -89,7 +89,7 @@ impl Case {
         warnings.extend(model_warnings(&study, &model, &assembly, &sensors));
         let tolerance = study.model.as_ref().and_then(|model| Tolerance::of(&structure, model));
         let bare = model.bare();
-        let parts = Parts::of(section(&study)?, &model, &assembly, &sensors);
+        let parts = Parts::of(section(&study)?, &bare, &assembly, &sensors);
         Ok(Self { study, model, sensors, measured, bare, assembly, view, tolerance, warnings, parts })
     }
 

@@ -49,7 +49,7 @@ const TOLD: usize = 3;
 /// An effect that is less probable is not.
 const WORTH_TELLING: f64 = 0.01;
 
-/// What the change of an alarm is, after the `lasting` ones before it; `reference` is the file of the modes that are followed.
+/// What the change of an alarm is, beside those of the alarms `before` it that were not withdrawn; `reference` is the file of the modes that are followed.
 ///
 /// # Errors
 /// Where the modes or the model cannot be read, or the model cannot be fitted.

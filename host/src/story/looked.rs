@@ -222,16 +222,7 @@ fn setup_of(one: &Surveyed, number: usize, given_hz: Option<f64>) -> Result<Setu
         Sensor { unit, ..Sensor::new(channel.name.clone(), 1) }
     };
     let names = one.files.iter().map(|file| file.to_string_lossy().into_owned()).collect();
-    Ok(Setup {
-        name: if one.files.len() == 1 { file().display().to_string() } else { format!("files {number}") },
-        files: names,
-        live: false,
-        variable: None,
-        sampling_rate_hz: rate_hz,
-        block_s: None,
-        utc_offset_h: None,
-        unit: Unit::MetrePerSecondSquared,
-        temperature: None,
-        sensors: one.channels.iter().filter(|channel| one.is_at_rate(channel)).map(sensor).collect(),
-    })
+    let name = if one.files.len() == 1 { file().display().to_string() } else { format!("files {number}") };
+    let sensors = one.channels.iter().filter(|channel| one.is_at_rate(channel)).map(sensor).collect();
+    Ok(Setup { files: names, ..Setup::new(name, rate_hz, sensors) })
 }

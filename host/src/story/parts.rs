@@ -3,7 +3,7 @@
 
 use crate::compare::{Comparison, GroupMisfit};
 use crate::diagnose::{GroupSquare, Unexplained};
-use crate::model::{Assembly, Custom, LoadedModel, sides_m};
+use crate::model::{Assembly, Custom, Structure, sides_m};
 use crate::study::{Model, Sensor};
 
 /// A group with the channels of the sensors at it.
@@ -21,10 +21,10 @@ impl Parts {
     /// Those of a model: none where its nodes stand above each other, or it is higher than wide and its groups have heights. The sensors at a
     /// group are those that the study names, else those that see a row with an entry in the group's matrices: of groups that are known by runs
     /// nothing else says where they stand.
-    pub(super) fn of(section: &Model, model: &LoadedModel, assembly: &Assembly, sensors: &[Sensor]) -> Self {
-        let groups = || model.customs.iter().filter(|custom| custom.group.is_some());
+    pub(super) fn of(section: &Model, bare: &Structure, assembly: &Assembly, sensors: &[Sensor]) -> Self {
+        let groups = || bare.customs.iter().filter(|custom| custom.group.is_some());
         let has_heights = groups().all(|group| group.group.is_some_and(|terms| terms.span_m.is_some()));
-        if assembly.is_line() || (has_heights && !is_wide(model, sensors)) {
+        if assembly.is_line() || (has_heights && !is_wide(bare, sensors)) {
             return Self::default();
         }
         let rows: Vec<(&Sensor, Vec<usize>)> =
@@ -82,12 +82,11 @@ impl Parts {
 }
 
 /// Whether the nodes, or where nothing is known of them the sensors, spread horizontally more than vertically; not where neither has places.
-fn is_wide(model: &LoadedModel, sensors: &[Sensor]) -> bool {
-    let nodes = model.bare().layout();
+fn is_wide(bare: &Structure, sensors: &[Sensor]) -> bool {
+    let nodes = bare.layout();
     let [x_m, y_m, z_m] = if nodes.is_empty() {
         let place_m = |sensor: &Sensor| Some([sensor.offset_m[0], sensor.offset_m[1], sensor.elevation_m?]);
-        let places_m: Vec<[f64; 3]> = sensors.iter().filter_map(place_m).collect();
-        sides_m(places_m.into_iter())
+        sides_m(sensors.iter().filter_map(place_m))
     } else {
         sides_m(nodes.iter().map(|node| node.position_m))
     };

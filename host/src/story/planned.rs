@@ -6,7 +6,7 @@ use super::case::model_warnings;
 use super::change::named;
 use super::error::StoryError;
 use crate::model::effect::Effect;
-use crate::model::{Structure, load_up_to, section};
+use crate::model::{Assembly, load_up_to, section};
 use crate::plan::{Conditions, Plan, Request, Site, plan, read_places};
 use crate::progress::{OnProgress, Progress};
 use crate::study::{Sensor, Study};
@@ -45,10 +45,10 @@ pub fn planned(study: &Study, request: &PlanRequest, on_progress: OnProgress<'_>
     let places = request.places.as_deref().map(|file| read_places(file, &sensors)).transpose();
     let places: Vec<Sensor> = places.map_err(crate::plan::PlanError::from)?.unwrap_or_default();
     let effect = request.effect.in_study(&sensors)?;
-    let structure = model.structure()?;
+    let assembly = model.structure()?.assemble();
     let band_hz = match study.analysis.band_hz {
         Some(band_hz) => band_hz,
-        None => lowest_modes(&structure)?,
+        None => lowest_modes(&assembly)?,
     };
     let against = request.against.iter().map(|name| named(name, &sensors)).collect::<Result<Vec<_>, _>>()?;
     let bare = model.bare();
@@ -65,7 +65,7 @@ pub fn planned(study: &Study, request: &PlanRequest, on_progress: OnProgress<'_>
     };
     let on_option = &mut |done, total| on_progress(Progress { stage: "sets of sensors", done, total });
     let mut plan = plan(&site, &request, on_option)?;
-    plan.warnings = model_warnings(study, &model, &structure.assemble(), &sensors);
+    plan.warnings = model_warnings(study, &model, &assembly, &sensors);
     Ok(plan)
 }
 
@@ -74,8 +74,8 @@ const LOWEST: usize = 12;
 /// How far the band goes beyond them.
 const BEYOND: f64 = 0.1;
 
-fn lowest_modes(structure: &Structure) -> Result<[f64; 2], StoryError> {
-    let modes = structure.assemble().modes().map_err(crate::compare::ViewError::from)?;
+fn lowest_modes(assembly: &Assembly) -> Result<[f64; 2], StoryError> {
+    let modes = assembly.modes().map_err(crate::compare::ViewError::from)?;
     let hz = &modes.frequency_hz;
     let highest_hz = hz.get(LOWEST - 1).or(hz.last()).copied().unwrap_or(1.0);
     Ok([hz.first().copied().unwrap_or(highest_hz) * (1.0 - BEYOND), highest_hz * (1.0 + BEYOND)])

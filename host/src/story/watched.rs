@@ -132,8 +132,8 @@ pub(super) fn watch(
         });
     }
     let reference = reference(results)?;
-    let lines = results.lines(INTERVALS_FILE)?;
-    let (mut intervals, mut warnings) = in_order(&lines, &results.path(INTERVALS_FILE));
+    let mut lines = results.lines(INTERVALS_FILE)?;
+    let (mut intervals, mut warnings) = in_order(&mut lines, &results.path(INTERVALS_FILE));
     let before = intervals.len();
     let last_end_s = intervals.last().map(|last| last.end_s);
     if let (true, Some(end_s)) = (study.setups.iter().any(|setup| setup.live), last_end_s) {
@@ -161,10 +161,13 @@ pub(super) fn watch(
     let changed = changed(&old, &judgement.alarms);
     let mut causes = earlier.causes;
     causes.resize(judgement.alarms.len(), None);
-    for &(index, kind) in &changed {
-        causes[index] = match kind {
-            EventKind::Withdrawn => None,
-            EventKind::Raised | EventKind::Lasting => cause_of(study, results, &judgement.alarms, index, &mut warnings),
+    let mut anew: Vec<usize> = changed.iter().map(|(index, _)| *index).collect();
+    anew.dedup();
+    for index in anew {
+        let is_withdrawn = judgement.alarms[index].state == State::Withdrawn;
+        causes[index] = match is_withdrawn {
+            true => None,
+            false => cause_of(study, results, &judgement.alarms, index, &mut warnings),
         };
     }
     let event = |&(index, event): &(usize, EventKind)| Event {
@@ -216,17 +219,17 @@ fn reference(results: &Results) -> Result<Identification, StoryError> {
     Ok(found)
 }
 
-/// What intervals showed before, in the order of time, and a sentence for each line that is left out.
-fn in_order(lines: &Lines<SeenInterval>, file: &Path) -> (Vec<SeenInterval>, Vec<String>) {
+/// What intervals showed before, in the order of time, taken out of the lines, and a sentence for each line that is left out.
+fn in_order(lines: &mut Lines<SeenInterval>, file: &Path) -> (Vec<SeenInterval>, Vec<String>) {
     let place = |line: &usize| format!("{}, line {line}", file.display());
     let broken = lines.broken.iter().map(|(line, why)| format!("{}: left out: {why}", place(line)));
     let mut sentences: Vec<String> = broken.chain(lines.half_a_line(file)).collect();
     let mut intervals: Vec<SeenInterval> = Vec::with_capacity(lines.objects.len());
-    for (line, interval) in &lines.objects {
+    for (line, interval) in std::mem::take(&mut lines.objects) {
         if intervals.last().is_none_or(|last| interval.start_s >= last.start_s) {
-            intervals.push(interval.clone());
+            intervals.push(interval);
         } else {
-            sentences.push(format!("{}: begins before the line above it; left out", place(line)));
+            sentences.push(format!("{}: begins before the line above it; left out", place(&line)));
         }
     }
     (intervals, sentences)

@@ -112,11 +112,7 @@ fn with_calibration(text: &str, entries: &[CalibrationEntry]) -> Result<String, 
             let Some(entry) = entries.iter().find(of_sensor) else { continue };
             let values = [("gain", entry.gain), ("gain_std", entry.gain_std), ("offset_m_s2", entry.offset_m_s2)];
             for (key, number) in values {
-                let mut number = float(number);
-                if let Some(old) = sensor.get(key).and_then(Item::as_value) {
-                    *number.decor_mut() = old.decor().clone();
-                }
-                sensor.insert(key, value(number));
+                put(sensor, key, float(number));
             }
         }
     }
@@ -186,12 +182,17 @@ fn fill(table: &mut Table, entry: &EffectEntry) {
     for key in stale {
         table.remove(&key);
     }
-    for (key, mut number) in pairs {
-        if let Some(Item::Value(old)) = table.get(&key) {
-            *number.decor_mut() = old.decor().clone();
-        }
-        table.insert(&key, value(number));
+    for (key, new) in pairs {
+        put(table, &key, new);
     }
+}
+
+/// Puts a value into a table; one that is there keeps its comment.
+fn put(table: &mut dyn TableLike, key: &str, mut new: Value) {
+    if let Some(old) = table.get(key).and_then(Item::as_value) {
+        *new.decor_mut() = old.decor().clone();
+    }
+    table.insert(key, value(new));
 }
 
 /// A number with seven digits, with an exponent where it is far from 1: values are known to a few.

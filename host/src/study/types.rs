@@ -155,6 +155,22 @@ impl Sensor {
 }
 
 impl Setup {
+    /// A setup of accelerations in m/s² of which nothing else is known.
+    pub fn new(name: impl Into<String>, sampling_rate_hz: f64, sensors: Vec<Sensor>) -> Self {
+        Self {
+            name: name.into(),
+            files: Vec::new(),
+            live: false,
+            variable: None,
+            sampling_rate_hz,
+            block_s: None,
+            utc_offset_h: None,
+            unit: Unit::MetrePerSecondSquared,
+            temperature: None,
+            sensors,
+        }
+    }
+
     /// Rows of each of the blocks that its files are joined of.
     pub fn block_rows(&self) -> Option<u64> {
         self.block_s.map(|block_s| (block_s * self.sampling_rate_hz).round() as u64).filter(|rows| *rows > 0)

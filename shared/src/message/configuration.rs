@@ -3,7 +3,6 @@
 use heapless::Vec;
 use serde::{Deserialize, Serialize};
 
-use super::growth;
 use crate::frame::{self, MAX_MESSAGE_BYTES};
 
 /// Most channels a node has.
@@ -39,11 +38,6 @@ impl Configuration {
     /// Its encoding, of 70 bytes at most; `None` where `buffer` is shorter than that.
     pub fn bytes<'b>(&self, buffer: &'b mut [u8]) -> Option<&'b [u8]> {
         postcard::to_slice(self, buffer).ok().map(|bytes| &*bytes)
-    }
-
-    /// Reads an encoding.
-    pub fn read(bytes: &[u8]) -> Option<Self> {
-        growth::read(bytes).ok()
     }
 
     /// Lines per channel in all bands together.

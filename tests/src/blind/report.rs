@@ -113,39 +113,38 @@ fn interval(bounds: &[f64], value: f64) -> Option<usize> {
     bounds.windows(2).position(|ends| (ends[0]..ends[1]).contains(&value))
 }
 
+/// The records whose value lies between bounds, one pair of bounds after the other, each with these bounds: the last has no end.
+fn between<'a>(
+    bounds: &'a [f64],
+    records: &'a [CaseRecord],
+    value: impl Fn(&CaseRecord) -> Option<f64>,
+) -> impl Iterator<Item = (f64, Option<f64>, Vec<&'a CaseRecord>)> {
+    bounds.windows(2).enumerate().map(move |(at, ends)| {
+        let is_here = |record: &&CaseRecord| value(record).and_then(|value| interval(bounds, value)) == Some(at);
+        (ends[0], Some(ends[1]).filter(|end| end.is_finite()), records.iter().filter(is_here).collect())
+    })
+}
+
 /// How often an effect is named, by how far it moves the frequency that it moves most.
 fn print_detection(records: &[CaseRecord]) {
     println!("\neffects named first, by how far they move a frequency");
-    for (at, ends) in SHIFTS.windows(2).enumerate() {
-        let of_it =
-            || records.iter().filter(|record| record.shift.and_then(|shift| interval(&SHIFTS, shift)) == Some(at));
-        let what = match ends[1].is_finite() {
-            true => format!("{:.0} to {:.0} %", 100.0 * ends[0], 100.0 * ends[1]),
-            false => format!("above {:.0} %", 100.0 * ends[0]),
+    for (from, to, of_it) in between(&SHIFTS, records, |record| record.shift) {
+        let what = match to {
+            Some(to) => format!("{:.0} to {:.0} %", 100.0 * from, 100.0 * to),
+            None => format!("above {:.0} %", 100.0 * from),
         };
-        row(&what, &rate(of_it().map(CaseRecord::first_right)));
+        row(&what, &rate(of_it.iter().map(|record| record.first_right())));
     }
 }
 
 /// The same by how far they stand out of what nobody can know, and pairs by the one of them that stands out less.
 fn print_visibility(records: &[CaseRecord]) {
     println!("\nby deviations that they stand out by: effects in the named set; pairs, both recovered");
-    for (at, ends) in VISIBILITIES.windows(2).enumerate() {
-        let of_it = || {
-            let stands = |record: &&CaseRecord| {
-                record.visibility.and_then(|visibility| interval(&VISIBILITIES, visibility)) == Some(at)
-            };
-            records.iter().filter(stands)
-        };
-        let what = match ends[1].is_finite() {
-            true => format!("{} to {}", ends[0], ends[1]),
-            false => format!("above {}", ends[0]),
-        };
-        println!(
-            "{what:24} {:40} {}",
-            rate(of_it().map(CaseRecord::in_set)),
-            rate(of_it().map(CaseRecord::both_found))
-        );
+    for (from, to, of_it) in between(&VISIBILITIES, records, |record| record.visibility) {
+        let what = to.map_or_else(|| format!("above {from}"), |to| format!("{from} to {to}"));
+        let [in_set, both]: [fn(&CaseRecord) -> Option<bool>; 2] = [CaseRecord::in_set, CaseRecord::both_found];
+        let [in_set, both] = [in_set, both].map(|judge| rate(of_it.iter().map(|record| judge(record))));
+        println!("{what:24} {in_set:40} {both}");
     }
 }
 
@@ -153,18 +152,14 @@ fn print_visibility(records: &[CaseRecord]) {
 fn print_reliability(records: &[CaseRecord]) {
     println!("\nverdicts that are true, by the probability that they state");
     let stated = |record: &CaseRecord| record.diagnosis.as_ref().map(|diagnosis| diagnosis.probability);
-    for (at, ends) in PROBABILITIES.windows(2).enumerate() {
-        let of_it: Vec<&CaseRecord> = records
-            .iter()
-            .filter(|record| stated(record).and_then(|probability| interval(&PROBABILITIES, probability)) == Some(at))
-            .collect();
+    for (from, to, of_it) in between(&PROBABILITIES, records, stated) {
         if of_it.is_empty() {
             continue;
         }
         let probabilities: Vec<f64> = of_it.iter().filter_map(|record| stated(record)).collect();
-        let what = match ends[1].is_finite() {
-            true => format!("{} to {}, on average {:.3}", ends[0], ends[1], mean(&probabilities)),
-            false => format!("above {}, on average {:.4}", ends[0], mean(&probabilities)),
+        let what = match to {
+            Some(to) => format!("{from} to {to}, on average {:.3}", mean(&probabilities)),
+            None => format!("above {from}, on average {:.4}", mean(&probabilities)),
         };
         row(&what, &rate(of_it.iter().map(|record| record.is_true())));
     }

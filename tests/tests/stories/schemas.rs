@@ -49,7 +49,7 @@ fn every_object_has_a_schema_and_every_schema_an_object() {
     }
 }
 
-/// Runs a command in `folder` and holds what it prints against its schema; the object's name.
+/// Runs a command in `folder`, and holds the object that it prints against its schema.
 fn object(folder: &Path, words: &str) -> Value {
     let output = belfry_command()
         .args(words.split(' '))

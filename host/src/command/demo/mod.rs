@@ -22,6 +22,7 @@ use super::identify::{summary, tell_warnings};
 use super::interrupt::leave_nothing_unfinished;
 use super::paper;
 use super::report::open;
+use super::route::in_range;
 use super::steps::tell_change;
 use super::text::{in_shell, next_lines};
 use super::update::update_project;
@@ -78,10 +79,7 @@ pub struct Arguments {
 }
 
 fn hours(text: &str) -> Result<f64, String> {
-    match text.parse() {
-        Ok(hours) if (0.2..=240.0).contains(&hours) => Ok(hours),
-        _ => Err("expected a number of hours from 0.2 to 240".to_owned()),
-    }
+    in_range(text, 0.2..=240.0, "a number of hours from 0.2 to 240")
 }
 
 /// What `--json` prints.

@@ -13,7 +13,7 @@ use thiserror::Error;
 
 use crate::spectra::direct::Welch;
 use crate::spectra::{CrossSpectrum, CrossSpectrumAccumulator, PlanError, SetupExtent, SpectraError, SpectralPlan};
-use crate::study::{Analysis, Sensor, Setup, Unit};
+use crate::study::{Analysis, Sensor, Setup};
 
 /// Why there is no spectrum of a recording.
 #[derive(Debug, Error)]
@@ -71,18 +71,7 @@ pub fn setup(name: &str, points: &[String], references: &[bool]) -> Setup {
         reference: references.get(at).copied().unwrap_or(false),
         ..Sensor::new((at + 1).to_string(), 1)
     };
-    Setup {
-        name: name.into(),
-        files: Vec::new(),
-        live: false,
-        block_s: None,
-        utc_offset_h: None,
-        variable: None,
-        sampling_rate_hz: 1.0,
-        unit: Unit::MetrePerSecondSquared,
-        temperature: None,
-        sensors: points.iter().enumerate().map(sensor).collect(),
-    }
+    Setup::new(name, 1.0, points.iter().enumerate().map(sensor).collect())
 }
 
 /// Names of points, counted from 1.
