@@ -8,6 +8,7 @@ pub mod campaign;
 mod canton;
 pub mod clock;
 mod footbridge;
+mod frames;
 pub mod fuzz;
 #[cfg(unix)]
 pub mod live;
@@ -20,6 +21,7 @@ pub mod years;
 
 pub use canton::{CantonRun, run_canton};
 pub use footbridge::{FOOTBRIDGE_STIFFNESS, write_footbridge_study};
+pub use frames::{Frame, write_frame_study};
 
 use std::env;
 use std::io;

@@ -37,11 +37,15 @@ const LEFT_OUT: f64 = 1e-4;
 /// [`Structure::spread_masses`]). Without it a table's own coarseness would look like masses and losses at its longest
 /// segments.
 const SPREAD: f64 = 0.5;
-/// A table has the stiffness of lengths whose sections are free to warp and to shear. Where a structure is clamped they are not, and where
-/// its footing gives a little it bends below: it bends as if it were longer or shorter by this share of the radius of gyration (one
-/// standard deviation). Without it, three of three sound lattice towers of another finite element code, which bend as if they were shorter
-/// by a sixth of it, had an outrigger at their foot.
+/// A table has the stiffness of lengths whose sections are free to warp and to shear. Where a structure is clamped they are not: it bends as
+/// if it were shorter by this share of the radius of gyration (one standard deviation). Without it, three of three sound lattice towers of
+/// another finite element code, which bend as if they were shorter by a sixth of it, had an outrigger at their foot.
 const AT_THE_FOOT: f64 = 0.2;
+/// Nothing that a table leaves out makes a clamped foot softer, so it bends as if it were longer by this share of that only. A footing that
+/// gives more is an effect; with as much on both sides a rotation of the base that moved frequencies by 4 % was taken for the tolerance's.
+const SOFTER: f64 = 0.25;
+/// From the one side to the other within about this many standard deviations, so that a fit can follow.
+const KNEE: f64 = 0.5;
 /// Centres of mass are on the axis of a table to within this share of the radius of gyration: 0.15 m for a tower of 20 m. Closer no
 /// drawing tells where plant and finishes are, and without it eccentricities of some centimetres, which turn neighbouring modes a
 /// little, would be effects.
@@ -189,9 +193,18 @@ impl Background {
         self.parts.iter().map(|(quantity, _)| *quantity)
     }
 
-    /// What is not trusted, with the relative changes of segments by each number, segments x numbers.
-    pub(super) fn parts(&self) -> impl Iterator<Item = (Option<Stiffness>, &DMatrix<f64>)> {
-        self.parts.iter().map(|(quantity, part)| (*quantity, part))
+    /// What is not trusted, with the relative changes of segments at `numbers` and their derivatives by each number, segments x numbers.
+    pub(super) fn changes(
+        &self,
+        numbers: &DVector<f64>,
+    ) -> impl Iterator<Item = (Option<Stiffness>, DVector<f64>, DMatrix<f64>)> {
+        let (foot, shaped) = (self.scatter, self.shaped(numbers));
+        let change = move |(quantity, part): &(Option<Stiffness>, DMatrix<f64>)| {
+            let mut by_numbers = part.clone();
+            by_numbers.column_mut(foot).scale_mut(slope_at_the_foot(numbers[foot]));
+            (*quantity, part * &shaped, by_numbers)
+        };
+        self.parts.iter().map(change)
     }
 
     /// How far masses are spread and off the axis, in units of their numbers: a share of what a table lumps, then along X and Y in m.
@@ -210,20 +223,30 @@ impl Background {
         self.has_segments().then(|| self.of_segments() + OF_MASSES)
     }
 
-    /// Factors on each segment's part.
-    pub(super) fn factors(part: &DMatrix<f64>, numbers: &DVector<f64>) -> DVector<f64> {
-        (part * numbers.rows(0, part.ncols())).map(|change| (1.0 + change).max(LEAST_FACTOR))
+    /// The numbers by which segments change, the foot's by as much as it is felt.
+    fn shaped(&self, numbers: &DVector<f64>) -> DVector<f64> {
+        let mut shaped = numbers.rows(0, self.of_segments()).into_owned();
+        if self.has_segments() {
+            shaped[self.scatter] = felt_at_the_foot(shaped[self.scatter]);
+        }
+        shaped
+    }
+
+    /// The factor of a segment's relative change.
+    pub(super) fn factor(change: f64) -> f64 {
+        (1.0 + change).max(LEAST_FACTOR)
     }
 
     /// Scatters the segments and groups of a structure.
     pub(super) fn apply(&self, numbers: &DVector<f64>, structure: &mut Structure) {
         structure.change_groups(&self.changes_of_groups(numbers));
         if let Body::Beam(beam) = &mut structure.body {
+            let shaped = self.shaped(numbers);
             for (quantity, part) in &self.parts {
-                for (segment, factor) in beam.segments_mut().iter_mut().zip(Self::factors(part, numbers).iter()) {
+                for (segment, change) in beam.segments_mut().iter_mut().zip((part * &shaped).iter()) {
                     match quantity {
-                        Some(stiffness) => segment.scale(*stiffness, *factor),
-                        None => segment.scale_mass(*factor),
+                        Some(stiffness) => segment.scale(*stiffness, Self::factor(*change)),
+                        None => segment.scale_mass(Self::factor(*change)),
                     }
                 }
             }
@@ -255,10 +278,9 @@ impl Background {
         for (at, (by_group, std)) in by_groups.column_iter().zip(&self.groups).enumerate() {
             scattered.set_column(self.first_of_groups() + at, &(by_group * *std));
         }
-        for ((_, part), by_quantity) in self.parts.iter().zip(by_quantities) {
-            let mut relative = part.clone();
-            for (mut row, factor) in relative.row_iter_mut().zip(Self::factors(part, numbers).iter()) {
-                row /= *factor;
+        for ((_, changes, mut relative), by_quantity) in self.changes(numbers).zip(by_quantities) {
+            for (mut row, change) in relative.row_iter_mut().zip(changes.iter()) {
+                row /= Self::factor(*change);
             }
             scattered += by_quantity * relative;
         }
@@ -270,6 +292,17 @@ impl Background {
         }
         chained
     }
+}
+
+/// How far the foot's number is felt: as it is where it stiffens, by a share of it where it softens.
+fn felt_at_the_foot(number: f64) -> f64 {
+    let [mean, half] = [(1.0 + SOFTER) / 2.0, (1.0 - SOFTER) / 2.0];
+    mean * number + half * (number.hypot(KNEE) - KNEE)
+}
+
+/// Its derivative.
+fn slope_at_the_foot(number: f64) -> f64 {
+    (1.0 + SOFTER) / 2.0 + (1.0 - SOFTER) / 2.0 * number / number.hypot(KNEE)
 }
 
 /// One standard deviation of the relative change of bending stiffness, of the lowest segments as far up as the radius of gyration.
@@ -289,4 +322,26 @@ fn radius_of_gyration_m(structure: &Structure) -> f64 {
     let mass_kg = sum(&|segment| segment.mass_top_kg);
     let inertia_kg_m2 = sum(&|segment| segment.inertia_kg_m2[2]);
     if mass_kg > 0.0 { (inertia_kg_m2 / mass_kg).sqrt() } else { 0.0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A clamped foot stiffens by as much as it may, and softens by a quarter of that; between them slopes follow.
+    #[test]
+    fn a_foot_is_stiffer_rather_than_softer() {
+        assert_eq!(felt_at_the_foot(0.0), 0.0);
+        // The knee costs the half of the difference of slopes times its width.
+        let knee = 0.5 * (1.0 - SOFTER) * KNEE;
+        for (number, slope) in [(40.0, 1.0), (-40.0, SOFTER)] {
+            assert!((felt_at_the_foot(number) - slope * number + knee).abs() < 0.01, "{number}");
+            assert!((slope_at_the_foot(number) - slope).abs() < 1e-3, "{number}");
+        }
+        for number in [-2.0, -0.3, 0.0, 0.2, 1.5] {
+            let step = 1e-5;
+            let slope = (felt_at_the_foot(number + step) - felt_at_the_foot(number - step)) / (2.0 * step);
+            assert!((slope_at_the_foot(number) - slope).abs() < 1e-9, "{number}");
+        }
+    }
 }

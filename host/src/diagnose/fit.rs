@@ -399,9 +399,24 @@ impl Fit {
         chance.is_some_and(|chance| chance > LIKE_THE_TABLE)
     }
 
+    /// By how much the logarithm of the evidence can fall where an effect is left out and all else is fitted anew, were differences linear;
+    /// `None` of effects that have no value to leave out.
+    pub(super) fn worth(&self, effect: usize) -> Option<f64> {
+        let idealised = |at: usize| {
+            -(IDEALISED * (self.state.value(&self.knobs[at]) - self.knobs[at].neutral) / self.knobs[at].scale).powi(2)
+        };
+        self.distance_from_none(effect, idealised).map(|(square, _)| 0.5 * square)
+    }
+
     /// Probability that values of an effect, together, are as far from those at which it is not there by chance, with this much variance of
     /// each besides (Wald's test); `None` of effects that have no value to test.
     fn chance_of_none(&self, effect: usize, besides: impl Fn(usize) -> f64) -> Option<f64> {
+        self.distance_from_none(effect, besides).map(|(square, values)| exceeding(square, values as f64))
+    }
+
+    /// How far values of an effect, together, are from those at which it is not there: in standard deviations, squared, and of how many
+    /// values.
+    fn distance_from_none(&self, effect: usize, besides: impl Fn(usize) -> f64) -> Option<(f64, usize)> {
         let parameter = |index: usize| {
             let knob = self.knobs.get(index).filter(|knob| knob.effect == effect)?;
             self.state.effects[effect].parameters().nth(knob.parameter).map(|(parameter, _)| parameter)
@@ -426,8 +441,8 @@ impl Fit {
         for (at, &knob) in knobs.iter().enumerate() {
             covariance[(at, at)] += besides(knob);
         }
-        let square = Cholesky::new(covariance).map(|factor| units.dot(&factor.solve(&units)));
-        Some(square.map_or(1.0, |square| exceeding(square, knobs.len() as f64)))
+        let square = Cholesky::new(covariance).map_or(0.0, |factor| units.dot(&factor.solve(&units)));
+        Some((square, knobs.len()))
     }
 
     /// The values of an effect, with their standard deviations.
@@ -510,5 +525,29 @@ impl Marginal {
     /// background and other effects.
     pub(super) fn project(&self, columns: &DMatrix<f64>) -> DMatrix<f64> {
         columns - &self.jacobian * self.curvature.solve(&self.jacobian.tr_mul(columns))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::SeedableRng;
+    use rand_chacha::ChaCha8Rng;
+
+    use super::super::testing::{measured, study};
+    use super::*;
+
+    /// An effect that moves frequencies by little: leaving it out costs what its value and deviation say.
+    #[test]
+    fn an_effect_is_worth_what_leaving_it_out_costs() {
+        let (structure, model, sensors) = study();
+        let effect: Effect = "base-rotation=2e-15".parse().unwrap();
+        let truth = structure.clone().and(std::slice::from_ref(&effect)).unwrap();
+        let modes = measured(&truth, &sensors, 12, &mut ChaCha8Rng::seed_from_u64(3));
+        let problem = Problem::new(structure, &[], &model, &sensors, &modes).unwrap();
+        let present = problem.present(&[]).unwrap();
+        let found = problem.search_kind(&present, effect.of_kind(), None).unwrap();
+        let worth = found.fit.worth(0).unwrap();
+        let costs = 0.5 * (cost(&present.state, Loss::Robust) - cost(&found.fit.state, Loss::Robust));
+        assert!(costs > 2.0 && (worth / costs - 1.0).abs() < 0.2, "{worth} and {costs}");
     }
 }

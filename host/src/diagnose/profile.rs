@@ -185,8 +185,11 @@ impl Profile {
         let count = problem.background.of_segments();
         let covariance = fit.covariance.view((first, first), (count, count)).into_owned();
         let segments = problem.bare.segments().unwrap_or_default();
-        let of_part = |(stiffness, part): (Option<Stiffness>, &DMatrix<f64>)| {
-            let (factors, stds) = (Background::factors(part, numbers), deviations(part, &covariance));
+        let nothing = DVector::zeros(numbers.len());
+        type Part = (Option<Stiffness>, DVector<f64>, DMatrix<f64>);
+        let of_part = |(now, before): (Part, Part)| {
+            let (stiffness, changes, by_numbers) = now;
+            let (factors, stds) = (changes.map(Background::factor), deviations(&by_numbers, &covariance));
             let quantity = Quantity::of(stiffness);
             let segment = |(index, segment): (usize, &Segment)| ProfileSegment {
                 z_bottom_m: segment.z_bottom_m,
@@ -194,14 +197,19 @@ impl Profile {
                 given: quantity.given(segment),
                 factor: factors[index],
                 std: stds[index],
-                prior_std: part.row(index).norm(),
+                prior_std: before.2.row(index).norm(),
             };
             let segments = segments.iter().enumerate().map(segment).collect();
             QuantityProfile { quantity, unit: quantity.unit(), segments }
         };
         Self {
             effects: fit.effects().iter().map(Effect::to_string).collect(),
-            quantities: problem.background.parts().map(of_part).collect(),
+            quantities: problem
+                .background
+                .changes(numbers)
+                .zip(problem.background.changes(&nothing))
+                .map(of_part)
+                .collect(),
             groups: groups(problem, fit),
             masses: masses(problem, fit),
             sections: sections(problem, fit),

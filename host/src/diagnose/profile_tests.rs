@@ -99,14 +99,14 @@ fn deviations_are_those_of_an_independent_computation() {
         structure
     });
     let mut before = tolerance.covariance;
-    // How the foot is held: a fifth of the radius of gyration of more or less length to bend, in both directions together.
+    // How the foot is held: an eighth of the radius of gyration of more or less length to bend where it is as the table has it, in both directions together.
     let radius_m = {
         let sum = |of: &dyn Fn(&Segment) -> f64| beam.segments().iter().map(of).sum::<f64>();
         (sum(&|segment| segment.inertia_kg_m2[2]) / sum(&|segment| segment.mass_top_kg)).sqrt()
     };
     let base_m = beam.z_base_m();
     let lowest = beam.segments().iter().take_while(|segment| segment.z_top_m - base_m < radius_m).count().max(1);
-    let foot = 0.2 * radius_m / (beam.segments()[lowest - 1].z_top_m - base_m);
+    let foot = 0.125 * radius_m / (beam.segments()[lowest - 1].z_top_m - base_m);
     let is_bending = |index: usize| {
         matches!(tolerance.quantities[index / segments], Some(Stiffness::Bending1 | Stiffness::Bending2))
     };

@@ -87,6 +87,8 @@ pub(super) const CLEAR: f64 = 50.0;
 /// Effects that are fitted once more from the start in the end, where they do not pass: what was bent for another effect, or for none, hides
 /// one of them now and then, and the right one need not stand before those that help only beside it.
 const AFRESH: usize = 6;
+/// Effects from whose backgrounds the present model is fitted anew, where they gain more than they can.
+const FREED: usize = 2;
 /// Fits whose evidence differs by less are as probable: their sizes of a discrepancy are found to a step only.
 const AS_PROBABLE: f64 = 2.0;
 /// A fit with this probability leaves nothing that calls for a damper; guys along one direction of a round tower split a pair as well, but
@@ -248,6 +250,7 @@ impl Problem {
             self.tally.one();
         });
         sort(found);
+        let (own, reference) = self.freed(present, own, reference, found);
         if !is_clear {
             let bent = own.as_ref().map_or(present, |(_, own)| own);
             let straight = self.straight_starts();
@@ -271,6 +274,30 @@ impl Problem {
             sort(found);
         }
         own
+    }
+
+    /// The present model, fitted from where effects have left the background that gain more than their sizes account for, and its evidence:
+    /// without one of them it cannot be that much worse, so its own fit has stopped in another optimum. Such an effect gains what is left.
+    fn freed(&self, present: &Fit, own: Settled, reference: f64, found: &mut [Found]) -> (Settled, f64) {
+        let exceeds = |found: &&Found| {
+            let worth = found.own().worth(found.index());
+            found.kind.evidence() != Evidence::TwinPeaks
+                && worth.is_some_and(|worth| found.log_bayes_factor - found.log_share > worth + ANEW)
+        };
+        let starts: Vec<(Discrepancy, DVector<f64>)> = found
+            .iter()
+            .filter(exceeds)
+            .take(FREED)
+            .map(|found| (found.own().discrepancy, found.own().state.numbers.clone()))
+            .collect();
+        if starts.is_empty() {
+            return (own, reference);
+        }
+        self.tally.stage("the model as it is, fitted from where effects left it", 1);
+        let own = self.tally.piece(|| self.best_from(present, own, &starts, &|_| true));
+        let raised = own.as_ref().map_or(reference, |(_, own)| own.log_evidence());
+        found.iter_mut().for_each(|found| found.log_bayes_factor -= raised - reference);
+        (own, raised)
     }
 
     /// A straight background without a discrepancy, and with what is usual.

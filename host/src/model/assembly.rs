@@ -6,6 +6,7 @@ use std::sync::Arc;
 use nalgebra::{DMatrix, DVectorView, RowDVector};
 
 use super::DOFS_A_NODE;
+use super::base::BaseFlexibility;
 use super::beam::Segment;
 use super::damped::DampedModes;
 use super::distortion::Distortion;
@@ -17,6 +18,8 @@ use super::matrices::{ImportedMatrices, WholeMatrices, entry};
 use super::sensing::Sensing;
 use super::sensitivity::Change;
 
+/// A force is none up to this share of what K's largest stiffness makes of the motion.
+const NO_FORCE: f64 = 1e-9;
 /// Buildings, bridges and towers weigh 20 to 700 kg per m³ of the box around them, whose sides are taken as no less than a twentieth of the
 /// longest: so many tonnes.
 const TONNES_PER_M3: [f64; 2] = [0.02, 0.7];
@@ -265,6 +268,64 @@ impl Assembly {
         let (stiffness, mass) = (part(&self.stiffness, &there.stiffness), part(&self.mass, &there.mass));
         let damping = damped.as_ref().map(|[here, there]| part(here, there));
         Some(Change::of_rows(rows, stiffness, mass, damping))
+    }
+
+    /// How the rows move with the ground, DOFs x 5: `ux, uy, rx, ry, rz` of a point on the ground below. `None` where nodes do not stand above
+    /// each other.
+    fn rigid_motions(&self) -> Option<DMatrix<f64>> {
+        if self.is_in_other_coordinates() {
+            return None;
+        }
+        let nodes = self.line()?.node_rows();
+        let heights_m = std::iter::once(self.z_base_m()).chain(self.node_elevations_m());
+        let ground_m = self.ground_m();
+        let mut motions = DMatrix::zeros(self.dofs(), DOFS_A_NODE);
+        for (rows, z_m) in nodes.iter().zip(heights_m) {
+            for (dof, row) in rows.iter().enumerate().filter_map(|(dof, row)| Some((dof, (*row)?))) {
+                motions[(row, dof)] = 1.0;
+                match dof {
+                    0 => motions[(row, 3)] = z_m - ground_m,
+                    1 => motions[(row, 2)] = ground_m - z_m,
+                    _ => {}
+                }
+            }
+        }
+        Some(motions)
+    }
+
+    /// Height of the ground: of the lowest node where nothing of it moves, else 0, or that node where it is lower.
+    pub(super) fn ground_m(&self) -> f64 {
+        let is_free = self.node_rows().first().is_some_and(|rows| rows.iter().any(Option::is_some));
+        if is_free { self.z_base_m().min(0.0) } else { self.z_base_m() }
+    }
+
+    /// Whether nodes stand above each other, and the lowest that move are all that is tied to the ground.
+    pub(super) fn is_held_at_its_foot(&self) -> bool {
+        let Some(motions) = self.rigid_motions() else { return false };
+        let forces = &self.stiffness * &motions;
+        let is_moving = |rows: &&[Option<usize>; DOFS_A_NODE]| rows.iter().any(Option::is_some);
+        let Some(lowest) = self.node_rows().iter().find(is_moving) else { return false };
+        let scale = self.stiffness.diagonal().amax();
+        // Floors that only sway are strained where they move as the ground turns: the moment is carried by what they leave out.
+        let turns = self.node_rows().iter().any(|rows| rows[2].is_some() || rows[3].is_some());
+        let is_small = |row: usize| {
+            let mut motions = motions.column_iter().enumerate().filter(|(dof, _)| turns || !matches!(dof, 2 | 3));
+            motions.all(|(dof, motion)| forces[(row, dof)].abs() <= NO_FORCE * scale * motion.amax())
+        };
+        (0..self.dofs()).all(|row| lowest.contains(&Some(row)) || is_small(row))
+    }
+
+    /// Lets the ground below give way.
+    pub(super) fn stand_on(&mut self, base: &BaseFlexibility) {
+        let Some((change, base_motion)) =
+            self.rigid_motions().and_then(|motions| base.under(&self.stiffness, &motions))
+        else {
+            return;
+        };
+        self.stiffness += change;
+        if let Geometry::Line(line) = &mut self.geometry {
+            line.let_base_move(base_motion);
+        }
     }
 
     /// Whether heights mean something: nodes stand above each other.

@@ -79,6 +79,22 @@ impl BaseFlexibility {
         matrix
     }
 
+    /// Whether nothing gives.
+    pub(super) fn is_none(&self) -> bool {
+        *self == Self::default()
+    }
+
+    /// Of a structure that is clamped, and moves as a whole by these motions of its base (DOFs x 5): what its K changes by where the base gives,
+    /// and the motion of the base that follows from the DOFs. Flexibilities add: `K'^-1 = K^-1 + R C R^T`.
+    pub(super) fn under(&self, stiffness: &DMatrix<f64>, rigid: &DMatrix<f64>) -> Option<(DMatrix<f64>, DMatrix<f64>)> {
+        let flexibility = DMatrix::from_column_slice(DOFS_A_NODE, DOFS_A_NODE, self.matrix().as_slice());
+        let reactions = rigid.tr_mul(stiffness);
+        let soft = DMatrix::identity(DOFS_A_NODE, DOFS_A_NODE) + &flexibility * &reactions * rigid;
+        let base_motion = soft.lu().solve(&(flexibility * &reactions))?;
+        let change = -reactions.tr_mul(&base_motion);
+        Some(((&change + change.transpose()) * 0.5, base_motion))
+    }
+
     /// Motion of the base node that follows from the free DOFs, 5 x free; `whole` is K with the base's DOFs first.
     pub(super) fn motion(&self, whole: &DMatrix<f64>) -> DMatrix<f64> {
         let free = whole.nrows() - DOFS_A_NODE;

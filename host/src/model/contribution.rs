@@ -15,9 +15,10 @@
 //! | 4 | K and M of the body | [`rearrange`](Contribution::rearrange) |
 //! | 5 | the same, and motion of the axis at any height | [`attach`](Contribution::attach) |
 //! | 6 | the same with all that is attached | [`add_matrices`](Contribution::add_matrices) |
-//! | 7 | the same | product of [`factors`](Contribution::factors) |
-//! | 8 | final K and M | [`hang`](Contribution::hang) |
-//! | 9 | what sensors see | sum of [`distortion`](Contribution::distortion), [`sensor_change`](Contribution::sensor_change) |
+//! | 7 | the same with all that is added | [`reshape`](Contribution::reshape) |
+//! | 8 | the same | sum of [`base_flexibility`](Contribution::base_flexibility) of imported matrices, then the product of [`factors`](Contribution::factors) |
+//! | 9 | final K and M | [`hang`](Contribution::hang) |
+//! | 10 | what sensors see | sum of [`distortion`](Contribution::distortion), [`sensor_change`](Contribution::sensor_change) |
 //!
 //! Phases 1 to 3 are those of a beam table; imported matrices start with phase 4, where `coupled_shear_m` acts on them as a whole.
 
@@ -32,6 +33,7 @@ use super::element::Compression;
 use super::joint::Element;
 use super::matrices::WholeMatrices;
 use super::sensing::SensorChange;
+use super::storeys::Storeys;
 
 /// One thing that makes a structure differ from its body; `model/contribution.rs` opens with the order of the phases.
 pub trait Contribution: fmt::Debug + Send + Sync {
@@ -78,6 +80,14 @@ pub trait Contribution: fmt::Debug + Send + Sync {
 
     /// Adds to K and M of a model that is reduced, as its files have them.
     fn add_to_whole(&self, _matrices: &mut WholeMatrices) {}
+
+    /// Changes K by what the storeys are along X and Y, where the model is one of storeys; all of it will be multiplied with `factors`.
+    fn reshape(&self, _storeys: &[Option<Storeys>; 2], _assembly: &mut Assembly, _factors: &Factors) {}
+
+    /// Whether it does that: what is added to K is not all that K then changes by.
+    fn reshapes(&self) -> bool {
+        false
+    }
 
     /// Factors on the whole of K and M.
     fn factors(&self) -> Factors {

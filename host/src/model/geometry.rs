@@ -141,6 +141,13 @@ impl Line {
         self.moves
     }
 
+    /// The lowest node, where nothing else moves it, moves with the DOFs so (5 x DOFs).
+    pub(super) fn let_base_move(&mut self, base_motion: DMatrix<f64>) {
+        if self.rows.first().is_some_and(|rows| rows.iter().all(Option::is_none)) {
+            self.base_motion = Some(base_motion);
+        }
+    }
+
     /// Bottom and top of spans whose stiffness is not that of a beam: motion between these nodes is a guess.
     pub(super) fn guessed_m(&self) -> &[[f64; 2]] {
         &self.guessed_m

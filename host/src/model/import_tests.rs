@@ -220,15 +220,28 @@ fn effects_that_need_segments_say_that_matrices_have_none() {
     let source = files("k.mtx", "m.npy", Some(LayoutFile::Nodes("nodes.csv".into())));
     let body = Body::Matrices(ImportedMatrices::read(&source, folder.path()).unwrap());
     let with = |word: &str| Structure::with_effects(body.clone(), &[word.parse().unwrap()]);
-    for word in ["base-rotation=1e-12", "stiffness-loss@50m=0.1"] {
-        assert!(with(word).unwrap_err().to_string().contains("needs a beam table"));
+    for (word, reason) in [("stiffness-loss@50m=0.1", "needs a beam table"), ("p-delta=1", "a model of storeys")] {
+        let error = with(word).map(|_| ()).unwrap_err().to_string();
+        assert!(error.contains(reason), "{error}");
     }
-    // A mass needs a height only, and acts as on the beam.
-    let effect = "added-mass@33m=1000";
-    let on_matrices = with(effect).unwrap().assemble().modes().unwrap().frequency_hz;
-    let on_beam = Structure::with_effects(Uniform::default().table(), &[effect.parse().unwrap()]).unwrap().assemble();
-    near(on_matrices[0], on_beam.modes().unwrap().frequency_hz[0], 1e-6);
-    assert!(on_matrices[0] < own.modes().unwrap().frequency_hz[0]);
+    // A mass needs a height only, and a base what stands on it: they act as on the beam, and sensors at the foot see as much.
+    for effect in [
+        "added-mass@33m=1000",
+        "base-rotation=flexibility_x=1e-12,flexibility_y=3e-12",
+        "base-translation=2e-10",
+        "base-torsion=1e-12",
+    ] {
+        let on_matrices = with(effect).map_err(|error| error.to_string()).unwrap().assemble();
+        let on_beam =
+            Structure::with_effects(Uniform::default().table(), &[effect.parse().unwrap()]).unwrap().assemble();
+        let [matrices_hz, beam_hz] = [&on_matrices, &on_beam].map(|assembly| assembly.modes().unwrap().frequency_hz);
+        for mode in 0..6 {
+            near(matrices_hz[mode], beam_hz[mode], 1e-6);
+        }
+        assert!((0..6).any(|mode| matrices_hz[mode] < 0.9999 * own.modes().unwrap().frequency_hz[mode]), "{effect}");
+        let (at_foot, expected) = (on_matrices.axis_motion(0.0), on_beam.axis_motion(0.0));
+        assert!((&at_foot - &expected).amax() <= 1e-6 * expected.amax().max(1e-12), "{effect}");
+    }
 }
 
 /// Derivatives by a segment's stiffness and by its mass against differences of two solved models.

@@ -45,6 +45,9 @@ mod sensing;
 mod sensitivity;
 mod sensor;
 mod size;
+mod storeys;
+#[cfg(test)]
+mod storeys_tests;
 mod structure;
 #[cfg(test)]
 pub(crate) mod tests;

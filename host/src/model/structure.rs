@@ -22,6 +22,7 @@ use super::mass_spread::{MassSpread, spread};
 use super::matrices::{ImportedMatrices, WholeMatrices};
 use super::sensing::Sensing;
 use super::sensitivity::Change;
+use super::storeys::Storeys;
 use crate::study::GroupTerms;
 
 /// What a model is made of.
@@ -112,8 +113,9 @@ impl Structure {
     /// What a relative change of each group does to K and M, group by group; `here` is this structure, assembled.
     pub fn group_changes(&self, here: &Assembly) -> Vec<Change> {
         let factors = self.factors();
+        let reshapes = self.contributions.iter().any(|contribution| contribution.reshapes()) || !self.base().is_none();
         let change = |(group, _): (&Custom, GroupTerms)| {
-            if let Some(change) = group.constant_change(&factors) {
+            if let Some(change) = group.constant_change(&factors).filter(|_| !reshapes) {
                 return change;
             }
             let mut there = self.clone();
@@ -156,6 +158,16 @@ impl Structure {
                 matrices.is_line().then_some(())?;
                 let (first, last) = (matrices.nodes.first()?, matrices.nodes.last()?);
                 Some([first.position_m[2], last.position_m[2]])
+            }
+        }
+    }
+
+    /// Whether sections rotate about X or Y: those of a beam, or nodes of matrices that have rows for it.
+    pub(super) fn has_rotations(&self) -> bool {
+        match &self.body {
+            Body::Beam(_) => true,
+            Body::Matrices(matrices) => {
+                matrices.nodes.iter().any(|node| node.rows[2].is_some() || node.rows[3].is_some())
             }
         }
     }
@@ -229,6 +241,16 @@ impl Structure {
             contribution.add_matrices(&mut assembly);
         }
         let factors = self.factors();
+        if self.contributions.iter().any(|contribution| contribution.reshapes()) {
+            let storeys = [0, 1].map(|direction| Storeys::along(direction, &assembly));
+            for contribution in &self.contributions {
+                contribution.reshape(&storeys, &mut assembly, &factors);
+            }
+        }
+        let base = self.base();
+        if matches!(self.body, Body::Matrices(_)) && !base.is_none() {
+            assembly.stand_on(&base);
+        }
         if factors != Factors::default() {
             assembly.stiffness *= factors.stiffness;
             assembly.mass *= factors.mass;

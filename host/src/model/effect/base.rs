@@ -28,7 +28,7 @@ impl EffectKind for BaseSprings {
     }
 
     fn contribution(&self, given: &Given<'_>, structure: &Structure) -> Result<Arc<dyn Contribution>, EffectError> {
-        given.check_beam(self, structure)?;
+        given.check_base(self, structure)?;
         let each = given.of_axes("flexibility", ["flexibility_x", "flexibility_y"]);
         Ok(Arc::new((self.base)(each, given)))
     }

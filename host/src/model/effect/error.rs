@@ -73,6 +73,28 @@ pub enum EffectError {
         /// The kind.
         kind: &'static str,
     },
+    /// The effect resists rotation, and nothing in the model rotates.
+    #[error("{kind} resists rotation, and the model's matrices have no rows for rotations (rx, ry)")]
+    NoRotations {
+        /// The kind.
+        kind: &'static str,
+    },
+    /// The effect lets the base give way, and the model shows none.
+    #[error(
+        "{kind} needs a base: a beam table, or matrices whose nodes stand above each other, of which the lowest alone are tied to the ground"
+    )]
+    NeedsBase {
+        /// The kind.
+        kind: &'static str,
+    },
+    /// The effect is one of storeys, and the model is none of them.
+    #[error(
+        "{kind} acts on a model of storeys: matrices with a row for each floor, heights of the floors in `dofs`, and nothing but the next floors' shear between them"
+    )]
+    NeedsStoreys {
+        /// The kind.
+        kind: &'static str,
+    },
     /// The model has nothing that the effect could scale.
     #[error("{kind}: {missing}; give {instead}")]
     NothingToScale {

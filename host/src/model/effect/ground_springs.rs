@@ -49,6 +49,9 @@ impl EffectKind for GroundSprings {
 
     fn contribution(&self, given: &Given<'_>, structure: &Structure) -> Result<Arc<dyn Contribution>, EffectError> {
         let z_m = given.height_m(self, structure)?;
+        if matches!(self.resisted, Motion::Rotation) && !structure.has_rotations() {
+            return Err(EffectError::NoRotations { kind: self.about.name });
+        }
         let stiffness = given.of_axes("stiffness", ["stiffness_x", "stiffness_y"]);
         let twist_n_m = given.or_zero("stiffness_z");
         Ok(Arc::new(GroundSpring { z_m, resisted: self.resisted, stiffness, twist_n_m }))

@@ -9,6 +9,7 @@ use super::error::EffectError;
 use super::parameter::Parameter;
 use super::place::{PlaceKind, Where};
 use crate::model::contribution::Contribution;
+use crate::model::storeys::Storeys;
 use crate::model::structure::{Body, Structure};
 
 /// Where an effect of a kind can be seen, which says how it is looked for.
@@ -191,6 +192,30 @@ impl<'a> Given<'a> {
             Body::Beam(_) => Ok(()),
             Body::Matrices(_) => Err(EffectError::NeedsBeam { kind: kind.name() }),
         }
+    }
+
+    /// Whether the structure stands on a base that can give way: a beam, or matrices of nodes above each other that nothing but the
+    /// lowest of them ties to the ground.
+    ///
+    /// # Errors
+    /// [`EffectError::NeedsBase`] where it does not.
+    pub(super) fn check_base(&self, kind: &dyn EffectKind, structure: &Structure) -> Result<(), EffectError> {
+        match &structure.body {
+            Body::Beam(_) => Ok(()),
+            body if Structure::new(body.clone()).assemble().is_held_at_its_foot() => Ok(()),
+            Body::Matrices(_) => Err(EffectError::NeedsBase { kind: kind.name() }),
+        }
+    }
+
+    /// Whether the structure is a model of storeys.
+    ///
+    /// # Errors
+    /// [`EffectError::NeedsStoreys`] where it is not.
+    pub(super) fn check_storeys(&self, kind: &dyn EffectKind, structure: &Structure) -> Result<(), EffectError> {
+        // As it is given: what other effects make of it may be none.
+        let assembly = Structure::new(structure.body.clone()).assemble();
+        let is_of_storeys = (0..2).any(|direction| Storeys::along(direction, &assembly).is_some());
+        if is_of_storeys { Ok(()) } else { Err(EffectError::NeedsStoreys { kind: kind.name() }) }
     }
 
     /// The error that the effect acts elsewhere.

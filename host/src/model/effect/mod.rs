@@ -29,6 +29,7 @@ mod lateral_support;
 pub(super) mod mass_eccentricity;
 mod mass_scale;
 mod outrigger;
+mod overall_bending;
 mod p_delta;
 mod parameter;
 mod parse;

@@ -9,6 +9,7 @@ mod canton;
 mod cases;
 mod clock;
 mod footbridge;
+mod frame;
 mod identification;
 #[cfg(unix)]
 mod kills;
@@ -37,6 +38,7 @@ enum StudyCommand {
     Canton(canton::Arguments),
     Clock(clock::Arguments),
     Footbridge(footbridge::Arguments),
+    Frame(frame::Arguments),
     Identification(identification::Arguments),
     #[cfg(unix)]
     Kills(kills::Arguments),
@@ -54,6 +56,7 @@ fn main() -> ExitCode {
         StudyCommand::Canton(arguments) => canton::run(&arguments),
         StudyCommand::Clock(arguments) => clock::run(&arguments),
         StudyCommand::Footbridge(arguments) => footbridge::run(&arguments),
+        StudyCommand::Frame(arguments) => frame::run(&arguments),
         StudyCommand::Identification(arguments) => identification::run(&arguments),
         #[cfg(unix)]
         StudyCommand::Kills(arguments) => kills::run(&arguments),

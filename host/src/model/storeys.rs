@@ -1,0 +1,136 @@
+//! Models of storeys: floors that hold each other by the shear of the columns between them.
+//!
+//! K and M of such a model flow in; its storeys, from the ground up, flow out, and what they do to K where the frame also bends as one, or
+//! where the weight above leans on them.
+
+use nalgebra::{DMatrix, DVector};
+
+use super::assembly::Assembly;
+
+/// Entries of K between floors that are not neighbours are none up to this share of its largest.
+const NONE: f64 = 1e-9;
+/// However much of the sway overall bending has, shear keeps this share of each storey's.
+const LEAST_SHEAR: f64 = 0.1;
+
+/// Floors that move in one direction, the lowest first.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Storeys {
+    /// Rows of the matrices.
+    rows: Vec<usize>,
+    /// Above the ground.
+    heights_m: Vec<f64>,
+    /// Shear force per drift of each storey in N/m.
+    stiffness_n_m: Vec<f64>,
+    /// Of each floor.
+    masses_kg: Vec<f64>,
+}
+
+impl Storeys {
+    /// Of motion along X (0) or Y (1); `None` where floors do not hold each other by shear alone, or their heights are not known.
+    ///
+    /// The ground is where [`Assembly::ground_m`] has it.
+    pub(super) fn along(direction: usize, assembly: &Assembly) -> Option<Self> {
+        let nodes = assembly.node_rows();
+        // Floors that turn about X or Y have more than shear between them.
+        if assembly.is_in_other_coordinates() || nodes.iter().any(|rows| rows[2].is_some() || rows[3].is_some()) {
+            return None;
+        }
+        let ground_m = assembly.ground_m();
+        let heights_m = std::iter::once(assembly.z_base_m()).chain(assembly.node_elevations_m());
+        let floors = nodes.iter().zip(heights_m).filter_map(|(rows, z_m)| Some((rows[direction]?, z_m - ground_m)));
+        let (rows, heights_m): (Vec<usize>, Vec<f64>) = floors.unzip();
+        let count = rows.len();
+        if count < 2 {
+            return None;
+        }
+        let stiffness = assembly.stiffness.select_rows(&rows).select_columns(&rows);
+        let largest = stiffness.amax();
+        let is_chain = (0..count).all(|floor| {
+            (0..count).all(|other| floor.abs_diff(other) < 2 || stiffness[(floor, other)].abs() <= NONE * largest)
+        });
+        let above = |floor: usize| if floor + 1 < count { -stiffness[(floor + 1, floor)] } else { 0.0 };
+        let first = stiffness[(0, 0)] - above(0);
+        let stiffness_n_m: Vec<f64> = std::iter::once(first).chain((0..count - 1).map(above)).collect();
+        let masses_kg: Vec<f64> = rows.iter().map(|&row| assembly.mass[(row, row)]).collect();
+        let is_storeys = is_chain
+            && heights_m.windows(2).all(|pair| pair[0] < pair[1])
+            && heights_m[0] > 0.0
+            && stiffness_n_m.iter().all(|stiffness| *stiffness > 0.0)
+            && masses_kg.iter().sum::<f64>() > 0.0;
+        is_storeys.then_some(Self { rows, heights_m, stiffness_n_m, masses_kg })
+    }
+
+    /// What K changes by where this share of the top's sway is overall bending, under loads in proportion to mass and height, and the storeys
+    /// have the rest: the sway under these loads stays what it was. Floors x floors; `None` where there is no such model.
+    fn bent(&self, share: f64) -> Option<DMatrix<f64>> {
+        let count = self.rows.len();
+        let loads = DVector::from_fn(count, |floor, _| self.masses_kg[floor] * self.heights_m[floor]);
+        let mut shears: Vec<f64> = loads
+            .iter()
+            .rev()
+            .scan(0.0, |sum, load| {
+                *sum += load;
+                Some(*sum)
+            })
+            .collect();
+        shears.reverse();
+        let drifts: Vec<f64> =
+            shears.iter().zip(&self.stiffness_n_m).map(|(shear, stiffness)| shear / stiffness).collect();
+        // Sway of a cantilever of EI = 1 at one height by a unit force at another.
+        let cantilever = DMatrix::from_fn(count, count, |at, force| {
+            let [low, high] = [at.min(force), at.max(force)].map(|floor| self.heights_m[floor]);
+            low * low * (3.0 * high - low) / 6.0
+        });
+        let bends = &cantilever * &loads;
+        let by_bending = share * drifts.iter().sum::<f64>() / bends[count - 1];
+        let storeys: Vec<f64> = (0..count)
+            .map(|floor| {
+                let bend = bends[floor] - if floor > 0 { bends[floor - 1] } else { 0.0 };
+                shears[floor] / (drifts[floor] - by_bending * bend).max(LEAST_SHEAR * drifts[floor])
+            })
+            .collect();
+        let flexibility = chain(&storeys).cholesky()?.inverse() + cantilever * by_bending;
+        Some(flexibility.cholesky()?.inverse() - chain(&self.stiffness_n_m))
+    }
+
+    /// Lets the frame bend as one: see [`Storeys::bent`].
+    pub(super) fn bend(&self, share: f64, stiffness: &mut DMatrix<f64>) {
+        if let Some(change) = self.bent(share) {
+            self.add(&change, stiffness);
+        }
+    }
+
+    /// Takes the weight above from each storey's stiffness, N / h, by so many N for each kg.
+    pub(super) fn lean(&self, n_per_kg: f64, stiffness: &mut DMatrix<f64>) {
+        let mut above_kg = 0.0;
+        let mut weights = vec![0.0; self.rows.len()];
+        for floor in (0..self.rows.len()).rev() {
+            above_kg += self.masses_kg[floor];
+            let below_m = if floor > 0 { self.heights_m[floor - 1] } else { 0.0 };
+            weights[floor] = -n_per_kg * above_kg / (self.heights_m[floor] - below_m);
+        }
+        self.add(&chain(&weights), stiffness);
+    }
+
+    fn add(&self, change: &DMatrix<f64>, stiffness: &mut DMatrix<f64>) {
+        for (at, &row) in self.rows.iter().enumerate() {
+            for (other, &column) in self.rows.iter().enumerate() {
+                stiffness[(row, column)] += change[(at, other)];
+            }
+        }
+    }
+}
+
+/// K of storeys of these stiffnesses, the lowest on the ground.
+fn chain(stiffness_n_m: &[f64]) -> DMatrix<f64> {
+    let mut chain = DMatrix::zeros(stiffness_n_m.len(), stiffness_n_m.len());
+    for (floor, stiffness) in stiffness_n_m.iter().enumerate() {
+        chain[(floor, floor)] += stiffness;
+        if let Some(below) = floor.checked_sub(1) {
+            chain[(below, below)] += stiffness;
+            chain[(floor, below)] -= stiffness;
+            chain[(below, floor)] -= stiffness;
+        }
+    }
+    chain
+}

@@ -1,0 +1,189 @@
+//! Models of storeys against what their flexibilities say.
+
+use nalgebra::{DMatrix, DVector};
+
+use super::Structure;
+use super::effect::Effect;
+use super::layout::LayoutNode;
+use super::matrices::ImportedMatrices;
+
+/// Storeys of 3 m on the ground, masses of their floors, along X or Y.
+fn frame(stiffness_n_m: &[f64], masses_kg: &[f64], directions: usize) -> Structure {
+    let count = masses_kg.len();
+    let (mut stiffness, mut mass) = (
+        DMatrix::zeros(count * directions, count * directions),
+        DMatrix::zeros(count * directions, count * directions),
+    );
+    for direction in 0..directions {
+        let row = |floor: usize| direction * count + floor;
+        for (floor, (storey, kg)) in stiffness_n_m.iter().zip(masses_kg).enumerate() {
+            mass[(row(floor), row(floor))] = *kg;
+            stiffness[(row(floor), row(floor))] += storey;
+            if floor > 0 {
+                stiffness[(row(floor - 1), row(floor - 1))] += storey;
+                stiffness[(row(floor), row(floor - 1))] -= storey;
+                stiffness[(row(floor - 1), row(floor))] -= storey;
+            }
+        }
+    }
+    let node = |at: usize| LayoutNode {
+        name: at.to_string(),
+        position_m: [0.0, 0.0, 3.0 * at as f64],
+        rows: std::array::from_fn(|dof| {
+            at.checked_sub(1).filter(|_| dof < directions).map(|floor| dof * count + floor)
+        }),
+        fixed: [at == 0; 6],
+    };
+    let nodes = (0..=count).map(node).collect();
+    let places: std::sync::Arc<[String]> = std::sync::Arc::new([]);
+    Structure::new(super::Body::Matrices(ImportedMatrices {
+        stiffness,
+        mass,
+        nodes,
+        whole: None,
+        coordinates: None,
+        places,
+    }))
+}
+
+const MASSES_KG: [f64; 6] = [2e4, 2e4, 1.9e4, 1.8e4, 1.8e4, 1.2e4];
+const SHEARS_N_M: [f64; 6] = [9e7, 8e7, 8e7, 7e7, 6e7, 5e7];
+
+fn with(structure: &Structure, word: &str) -> DMatrix<f64> {
+    let effect: Effect = word.parse().unwrap();
+    structure.clone().and(&[effect]).unwrap().assemble().stiffness
+}
+
+fn are_equal(one: &DMatrix<f64>, other: &DMatrix<f64>, to: f64) -> bool {
+    (one - other).amax() <= to * other.amax()
+}
+
+/// A frame whose columns get longer and shorter: sway by storeys and by a cantilever, integrated in steps of a millimetre. Storey
+/// stiffnesses taken from its sway under code loads have both; told the share of bending, the model is the frame.
+#[test]
+fn what_was_merged_is_taken_apart() {
+    let count = MASSES_KG.len();
+    let height = |floor: usize| 3.0 * (floor + 1) as f64;
+    let bending_n_m2 = 6e10;
+    let bent = |at: f64, force: f64| {
+        let step = 1e-3;
+        let steps = (at.min(force) / step).round() as usize;
+        (0..steps).map(|k| (k as f64 + 0.5) * step).map(|s| (at - s) * (force - s) * step).sum::<f64>() / bending_n_m2
+    };
+    let sheared = |at: usize, force: usize| (0..=at.min(force)).map(|storey| 1.0 / SHEARS_N_M[storey]).sum::<f64>();
+    let flexibility = DMatrix::from_fn(count, count, |at, force| sheared(at, force) + bent(height(at), height(force)));
+    let loads = DVector::from_fn(count, |floor, _| MASSES_KG[floor] * height(floor));
+    let sway = &flexibility * &loads;
+    let bends = DVector::from_fn(count, |at, _| {
+        (0..count).map(|force| bent(height(at), height(force)) * loads[force]).sum::<f64>()
+    });
+    let merged: Vec<f64> = (0..count)
+        .map(|floor| {
+            loads.rows(floor, count - floor).sum() / (sway[floor] - if floor > 0 { sway[floor - 1] } else { 0.0 })
+        })
+        .collect();
+    let table = frame(&merged, &MASSES_KG, 1);
+    let share = bends[count - 1] / sway[count - 1];
+    assert!((0.1..0.5).contains(&share), "{share}");
+    let found = with(&table, &format!("overall-bending={share}"));
+    assert!(are_equal(&found, &flexibility.clone().try_inverse().unwrap(), 1e-6));
+    // The sway stays; frequencies but the first rise.
+    let stays = found.clone().cholesky().unwrap().solve(&loads);
+    assert!((stays - &sway).amax() < 1e-9 * sway.amax());
+    let modes = |structure: &Structure| structure.assemble().modes().unwrap().frequency_hz;
+    let effect: Effect = format!("overall-bending={share}").parse().unwrap();
+    let (before, after) = (modes(&table), modes(&table.clone().and(&[effect]).unwrap()));
+    let raised: Vec<f64> = (0..3).map(|mode| after[mode] / before[mode] - 1.0).collect();
+    assert!(raised[0].abs() < 0.01 && raised[1] > 0.02 && raised[2] > raised[1], "{raised:?}");
+}
+
+#[test]
+fn each_direction_bends_by_itself() {
+    let plan = frame(&SHEARS_N_M, &MASSES_KG, 2);
+    let line = frame(&SHEARS_N_M, &MASSES_KG, 1);
+    let (apart, along_y) = (with(&plan, "overall-bending=share_x=0.1,share_y=0.2"), with(&line, "overall-bending=0.2"));
+    let count = MASSES_KG.len();
+    assert!(are_equal(&apart.view((count, count), (count, count)).into_owned(), &along_y, 1e-12));
+    assert!(are_equal(&apart.view((0, 0), (count, count)).into_owned(), &with(&line, "overall-bending=0.1"), 1e-12));
+    assert_eq!(apart.view((0, count), (count, count)).amax(), 0.0);
+}
+
+/// The ground gives: flexibilities add, whatever stands on it, and a rotation sways a floor by its height.
+#[test]
+fn a_base_that_gives_adds_its_flexibility() {
+    let line = frame(&SHEARS_N_M, &MASSES_KG, 1);
+    let clamped = line.assemble().stiffness.try_inverse().unwrap();
+    let height = |floor: usize| 3.0 * (floor + 1) as f64;
+    for (word, by) in [("base-rotation=3e-11", 3e-11), ("base-translation=5e-9", 0.0)] {
+        let found = with(&line, word).try_inverse().unwrap();
+        let more =
+            if by > 0.0 { |by: f64, at: f64, force: f64| by * at * force } else { |_: f64, _: f64, _: f64| 5e-9 };
+        let expected = DMatrix::from_fn(clamped.nrows(), clamped.ncols(), |at, force| {
+            clamped[(at, force)] + more(by, height(at), height(force))
+        });
+        assert!(are_equal(&found, &expected, 1e-9), "{word}");
+    }
+    // A sensor on the ground sees it turn: θ = C F z under a force at the top.
+    let effect: Effect = "base-rotation=3e-11".parse().unwrap();
+    let assembly = line.clone().and(&[effect]).unwrap().assemble();
+    let force = DVector::from_fn(assembly.dofs(), |row, _| if row + 1 == assembly.dofs() { 1e5 } else { 0.0 });
+    let sway = assembly.stiffness.clone().cholesky().unwrap().solve(&force);
+    let at_ground = assembly.axis_motion(0.0) * &sway;
+    assert!((at_ground[3] / (3e-11 * 1e5 * height(5)) - 1.0).abs() < 1e-9, "{at_ground}");
+    assert!(at_ground[0].abs() < 1e-12);
+    let slides: Effect = "base-translation=5e-9".parse().unwrap();
+    let assembly = line.and(&[slides]).unwrap().assemble();
+    let sway = assembly.stiffness.clone().cholesky().unwrap().solve(&force);
+    assert!(((assembly.axis_motion(0.0) * &sway)[0] / (5e-9 * 1e5) - 1.0).abs() < 1e-9);
+}
+
+/// One floor on one storey is a pendulum on its head: k - m g / h; weight adds up downwards.
+#[test]
+fn the_weight_above_leans_on_storeys() {
+    let line = frame(&SHEARS_N_M, &MASSES_KG, 1);
+    let change = line.assemble().stiffness - with(&line, "p-delta=1");
+    let weight_n = |from: usize| 9.80665 * MASSES_KG[from..].iter().sum::<f64>();
+    let expected =
+        frame(&std::array::from_fn::<f64, 6, _>(|storey| weight_n(storey) / 3.0), &MASSES_KG, 1).assemble().stiffness;
+    assert!(are_equal(&change, &expected, 1e-9));
+}
+
+/// Effects of storeys say in which order they were typed nothing.
+#[test]
+fn the_order_of_effects_of_storeys_does_not_matter() {
+    let line = frame(&SHEARS_N_M, &MASSES_KG, 1);
+    let words = ["overall-bending=0.15", "p-delta=0.8", "base-rotation=3e-11"];
+    let effects: Vec<Effect> = words.iter().map(|word| word.parse().unwrap()).collect();
+    let one = line.clone().and(&effects).unwrap().assemble().stiffness;
+    let other = line.and(&effects.into_iter().rev().collect::<Vec<_>>()).unwrap().assemble().stiffness;
+    assert!(are_equal(&one, &other, 1e-12));
+}
+
+#[test]
+fn what_is_no_model_of_storeys_is_told_so() {
+    let error =
+        |structure: &Structure, word: &str| structure.clone().and(&[word.parse().unwrap()]).unwrap_err().to_string();
+    let mut braced = frame(&SHEARS_N_M, &MASSES_KG, 1);
+    if let super::Body::Matrices(matrices) = &mut braced.body {
+        // A brace over two storeys.
+        for (row, column, sign) in [(1, 1, 1.0), (3, 3, 1.0), (1, 3, -1.0), (3, 1, -1.0)] {
+            matrices.stiffness[(row, column)] += sign * 1e7;
+        }
+    }
+    for word in ["overall-bending=0.1", "p-delta=1"] {
+        assert!(error(&braced, word).contains("nothing but the next floors' shear"), "{}", error(&braced, word));
+    }
+    assert!(error(&braced, "outrigger@6m=1e9").contains("no rows for rotations"));
+    // It still stands on its base; one that is held higher up as well does not.
+    assert!(braced.clone().and(&["base-rotation=1e-11".parse().unwrap()]).is_ok());
+    if let super::Body::Matrices(matrices) = &mut braced.body {
+        matrices.stiffness[(4, 4)] += 1e6;
+    }
+    assert!(error(&braced, "base-rotation=1e-11").contains("tied to the ground"));
+    if let super::Body::Matrices(matrices) = &mut braced.body {
+        matrices.nodes.clear();
+    }
+    for word in ["overall-bending=0.1", "base-translation=1e-9"] {
+        assert!(error(&braced, word).contains("needs a base") || error(&braced, word).contains("a model of storeys"));
+    }
+}
