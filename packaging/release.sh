@@ -2,8 +2,8 @@
 # Makes everything that a release consists of from a tag: packaging/release.sh [TAG] [FOLDER]
 #
 # TAG is v and the version of Cargo.toml; without one it is the tag of this commit. The program is built in a clone of the tag, so that
-# nothing of this folder that was not committed is in it. FOLDER (release) then holds the archive for `cargo binstall`, the .deb and their
-# checksums; each was installed in a clean place and tried.
+# nothing of this folder that was not committed is in it. FOLDER (release) then holds the archive for `cargo binstall`, the .deb, the Python
+# wheel and their checksums; each was installed in a clean place and tried.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
@@ -25,10 +25,12 @@ grep "^## $version " CHANGELOG.md | grep --quiet --invert-match unreleased || { 
 
 SOURCE_DATE_EPOCH=$(git log --max-count=1 --format=%ct)
 export SOURCE_DATE_EPOCH
-cargo build --release --locked --package belfry-host
+# With the module, whose dependencies ask a few crates for more: so all is compiled once.
+PYO3_BUILD_EXTENSION_MODULE=1 cargo build --release --locked --package belfry-host --package belfry-python
 program=${CARGO_TARGET_DIR:-target}/release/belfry
 mkdir -p "$folder"
 packages=("$(packaging/archive.sh "$program" "$folder")")
 ! command -v dpkg-deb >/dev/null || packages+=("$(packaging/deb.sh "$program" "$folder")")
+packages+=("$(packaging/wheel.sh "$program" "$folder")")
 packaging/try.sh "${packages[@]}"
 (cd "$folder" && sha256sum "${packages[@]##*/}" >SHA256SUMS && cat SHA256SUMS)
