@@ -98,15 +98,13 @@ def run(pictures):
 
 
 if __name__ == "__main__":
-    match sys.argv[1:]:
-        case []:
-            NOTEBOOK.write_text(written(PAGE.read_text()))
-            print(NOTEBOOK)
-        case ["--check"]:
-            check()
-        case ["--run"]:
-            run(None)
-        case ["--run", folder]:
-            run(folder)
-        case _:
-            sys.exit(__doc__)
+    words = sys.argv[1:]
+    if not words:
+        NOTEBOOK.write_text(written(PAGE.read_text()))
+        print(NOTEBOOK)
+    elif words == ["--check"]:
+        check()
+    elif words[0] == "--run" and len(words) <= 2:
+        run(words[1] if len(words) == 2 else None)
+    else:
+        sys.exit(__doc__)

@@ -49,6 +49,8 @@ def identify(
     if samples.ndim != 2:
         raise ValueError(f"recording: expected an array of samples by channels, found {samples.ndim} axes")
     channels = samples.shape[1]
+    if channels == 0:
+        raise ValueError("recording: expected a column a channel, found no column")
     names = [str(channel) for channel in range(1, channels + 1)] if points is None else [str(name) for name in points]
     if len(names) != channels:
         raise ValueError(f"points: expected {channels} names, one a column of the recording, found {len(names)}")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -54,7 +55,8 @@ class Study:
     def modes(self) -> Modes:
         """The modes that the study has: those that were identified last, or those of another program that its study.toml names."""
         said = _belfry.modes(self.path)
-        return Modes._of(said["report"], said["warnings"])
+        report = said["report"] if said["file"] is None else json.loads(Path(said["file"]).read_text(encoding="utf-8"))
+        return Modes._of(report, said["warnings"])
 
     def compare(self, *, on_progress: Optional[OnProgress] = None) -> Comparison:
         """Compares the model with the measured modes."""

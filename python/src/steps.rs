@@ -133,20 +133,19 @@ pub(crate) fn identify_recording<'py>(
     in_python(py, &report)
 }
 
-/// The modes that a study has: the report of `belfry identify` as its file has it, or of modes by another program what is known of them; and
-/// what the reader should know.
+/// The modes that a study has, which are checked: the file with the report of `belfry identify`, which Python reads to the last bit, or of modes
+/// by another program what is known of them; and what the reader should know.
 #[pyfunction]
 pub(crate) fn modes<'py>(py: Python<'py>, path: PathBuf) -> PyResult<Bound<'py, PyAny>> {
     let report = work(py, None, |_| {
         let project = Project::open(&path)?;
         let (study, sensors) = (project.study(), project.study().sensors());
         let measured = story::measured_modes(study, &sensors)?;
-        let report = match study.measured {
-            Some(_) => None,
-            None => project.results().read_json::<Value>(MODES_FILE, "identify")?,
+        let (file, report) = match study.measured {
+            Some(_) => (None, Some(measured_elsewhere(&measured, &sensors))),
+            None => (Some(project.results().path(MODES_FILE)), None),
         };
-        let report = report.unwrap_or_else(|| measured_elsewhere(&measured, &sensors));
-        Ok(json!({ "report": report, "warnings": measured.warnings }))
+        Ok(json!({ "file": file, "report": report, "warnings": measured.warnings }))
     })?;
     in_python(py, &report)
 }

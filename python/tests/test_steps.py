@@ -46,7 +46,7 @@ def test_modes(
     assert is_as_its_schema_says(modes.report)
     # What the arrays hold is what the report says.
     listed = modes.report["modes"]
-    assert len(modes) == len(listed) >= 12
+    assert len(modes) == len(listed) >= 10
     assert modes.numbers.tolist() == [mode["number"] for mode in listed]
     assert modes.frequencies_hz.tolist() == [mode["frequency_hz"] for mode in listed]
     assert modes.damping_ratios.tolist() == [mode["damping_ratio"] for mode in listed]
@@ -120,10 +120,11 @@ def test_update(copy: pathlib.Path, program: Program) -> None:
     # The used frequencies are met exactly: K* is written, and NumPy finds them in it. Of some 100 eigenvalues that span ten decades, the
     # lowest are good to 1e-16 times that span.
     assert update.stiffness is not None
+    # Of a symmetric matrix the file has the lower half, column by column.
+    values = [float(line) for line in (copy / "results/mass.mtx").read_text().splitlines()[2:]]
     mass = np.zeros_like(update.stiffness)
-    for line in (copy / "results/mass.mtx").read_text().splitlines()[2:]:
-        row, column, value = line.split()
-        mass[int(row) - 1, int(column) - 1] = mass[int(column) - 1, int(row) - 1] = float(value)
+    mass.T[np.triu_indices(len(mass))] = values
+    mass += np.tril(mass, -1).T
     half = np.linalg.cholesky(mass)
     inner = np.linalg.solve(half, np.linalg.solve(half, update.stiffness).T)
     found_hz = np.sqrt(np.linalg.eigvalsh((inner + inner.T) / 2)) / (2 * np.pi)

@@ -210,6 +210,23 @@ fn the_table_of_commands_is_that_of_the_help() {
     assert_eq!(rows.collect::<Vec<_>>(), commands);
 }
 
+/// `python3 packaging/notebook.py` makes it; `./test --all` runs it.
+#[test]
+fn the_notebook_has_the_blocks_of_the_tutorial() {
+    let page = Document::read(&repository(), "docs/tutorial.md");
+    let is_cell = |block: &&Block| block.note.is_none() && ["python", "sh"].contains(&block.language.as_str());
+    let blocks: Vec<String> = page.blocks.iter().filter(is_cell).map(|block| block.lines.join("\n")).collect();
+    let text = fs::read_to_string(repository().join("docs/tutorial.ipynb")).unwrap();
+    let notebook: serde_json::Value = serde_json::from_str(&text).unwrap();
+    let lines = |cell: &serde_json::Value| -> String {
+        cell["source"].as_array().unwrap().iter().map(|line| line.as_str().unwrap()).collect()
+    };
+    let of_code = notebook["cells"].as_array().unwrap().iter().filter(|cell| cell["cell_type"] == "code");
+    let cells: Vec<String> = of_code.map(|cell| lines(cell).trim_start_matches("%%sh\n").to_owned()).collect();
+    assert!(cells.len() > 8, "{cells:?}");
+    assert_eq!(cells, blocks);
+}
+
 #[test]
 fn the_readme_is_short() {
     let lines = Document::read(&repository(), "README.md").line_count;
