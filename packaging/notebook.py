@@ -89,7 +89,7 @@ def run(pictures):
             pathlib.Path(pictures).mkdir(parents=True, exist_ok=True)
             (pathlib.Path(pictures) / f"tutorial_{number}.png").write_bytes(base64.b64decode(image))
     if pictures:
-        text = "\n".join(output.text for output in outputs if output.output_type == "stream")
+        text = "".join(output.text for output in outputs if output.output_type == "stream")
         (pathlib.Path(pictures) / "tutorial.txt").write_text(text)
     count = sum(cell.cell_type == "code" for cell in made.cells)
     print(f"{NOTEBOOK.name}: {count} cells were run, {len(images)} pictures")
