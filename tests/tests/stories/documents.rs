@@ -151,7 +151,7 @@ fn what_is_not_run_has_a_known_reason_and_options_that_exist() {
     for document in documents() {
         for block in &document.blocks {
             let at = format!("{}:{}", document.name, block.first_line);
-            // Those of Python are run where the module is installed: packaging/try.sh.
+            // The tutorial's of Python are run where the module is installed: packaging/try.sh.
             if !["sh", "text", "toml", "csv", "python"].contains(&block.language.as_str()) {
                 let found = &block.language;
                 faults.push(format!("{at}: a block of sh, text, toml, csv or python is expected, not of {found:?}"));
