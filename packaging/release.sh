@@ -25,8 +25,7 @@ grep "^## $version " CHANGELOG.md | grep --quiet --invert-match unreleased || { 
 
 SOURCE_DATE_EPOCH=$(git log --max-count=1 --format=%ct)
 export SOURCE_DATE_EPOCH
-# With the module, whose dependencies ask a few crates for more: so all is compiled once.
-PYO3_BUILD_EXTENSION_MODULE=1 cargo build --release --locked --package belfry-host --package belfry-python
+cargo build --release --locked --package belfry-host
 program=${CARGO_TARGET_DIR:-target}/release/belfry
 mkdir -p "$folder"
 packages=("$(packaging/archive.sh "$program" "$folder")")
