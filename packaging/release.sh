@@ -2,8 +2,8 @@
 # Makes everything that a release consists of from a tag: packaging/release.sh [TAG] [FOLDER]
 #
 # TAG is v and the version of Cargo.toml; without one it is the tag of this commit. The program is built in a clone of the tag, so that
-# nothing of this folder that was not committed is in it. FOLDER (release) then holds the archive for `cargo binstall`, the .deb and their
-# checksums; each was installed in a clean place and tried.
+# nothing of this folder that was not committed is in it. FOLDER (release) then holds the archive for `cargo binstall`, the .deb, the Python
+# wheel and their checksums; each was installed in a clean place and tried.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
@@ -30,5 +30,6 @@ program=${CARGO_TARGET_DIR:-target}/release/belfry
 mkdir -p "$folder"
 packages=("$(packaging/archive.sh "$program" "$folder")")
 ! command -v dpkg-deb >/dev/null || packages+=("$(packaging/deb.sh "$program" "$folder")")
+packages+=("$(packaging/wheel.sh "$program" "$folder")")
 packaging/try.sh "${packages[@]}"
 (cd "$folder" && sha256sum "${packages[@]##*/}" >SHA256SUMS && cat SHA256SUMS)

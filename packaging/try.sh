@@ -1,9 +1,12 @@
 #!/usr/bin/env bash
 # Installs packages in clean places and tries them there: packaging/try.sh FILE...
 #
-# A .deb goes into an empty root with a package database of its own, an archive into an empty folder. The program then runs without this
-# computer's settings: a study is made, simulated, identified and looked at, and the manual and completions are where they belong.
+# A .deb goes into an empty root with a package database of its own, an archive into an empty folder, a wheel into a virtual environment of
+# python3 (or of what BELFRY_PYTHON names). The program then runs without this computer's settings: a study is made, simulated, identified
+# and looked at, and the manual and completions are where they belong. Of a wheel the tests in python/tests are run, its types are checked,
+# and the tutorial is run as a notebook.
 set -euo pipefail
+repository=$(cd "$(dirname "$0")/.." && pwd)
 
 run_in() { env --ignore-environment PATH=/usr/bin:/bin HOME="$1" LANG=C.UTF-8 "${@:2}"; }
 
@@ -33,6 +36,25 @@ files() {
     test -s "$share/zsh/vendor-completions/_belfry" && test -s "$share/fish/vendor_completions.d/belfry.fish"
 }
 
+# The module and the program of a wheel.
+wheel() {
+    local file=$1 place=$2 bin=$2/venv/bin
+    "${BELFRY_PYTHON:-python3}" -m venv "$place/venv"
+    "$bin/python" -m pip install --quiet "$file"
+    # Nothing but what it asks for.
+    (cd "$place" && run_in "$place/home" "$bin/python" -c 'import belfry; print("module", belfry.__version__)')
+    story "$bin/belfry" "$place/home"
+    "$bin/python" -m pip install --quiet --requirement "$repository/python/tests/requirements.txt"
+    (
+        cd "$place"
+        run_in "$place/home" "$bin/python" -m mypy --strict --package belfry
+        run_in "$place/home" "$bin/python" -m pytest --quiet --config-file "$repository/python/pyproject.toml" "$repository/python/tests"
+        run_in "$place/home" "$bin/python" "$repository/packaging/notebook.py" --run
+    )
+    "$bin/python" -m pip uninstall --quiet --yes belfry
+    test ! -e "$bin/belfry" && test ! -e "$place"/venv/lib/python*/site-packages/belfry
+}
+
 for file in "$@"; do
     place=$(mktemp -d)
     trap 'rm -rf "$place"' EXIT
@@ -57,8 +79,11 @@ for file in "$@"; do
             story "$place/belfry" "$place/home"
             files "$place/share"
             ;;
+        *.whl)
+            wheel "$file" "$place"
+            ;;
         *)
-            echo "error: $file: expected .deb or .tar.gz" >&2
+            echo "error: $file: expected .deb, .tar.gz or .whl" >&2
             exit 2
             ;;
     esac

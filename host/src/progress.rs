@@ -1,6 +1,8 @@
 //! How far long work is: its stage, and a count in it. A computation tells a [`Tally`], from whatever thread; whoever asked for the work
-//! hears of it as [`Progress`].
+//! hears of it as [`Progress`], and can [`give_up`] the work where it is.
 
+use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Sender, channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
@@ -18,8 +20,26 @@ pub struct Progress {
     pub total: u64,
 }
 
-/// Hears of progress, some times a second. Pass `&mut |_| {}` where nobody listens.
+/// Hears of progress, some times a second. Pass `&mut |_| {}` where nobody listens. Within [`unless_given_up`] it may [`give_up`].
 pub type OnProgress<'a> = &'a mut dyn FnMut(Progress);
+
+/// What unwinds through work that is given up.
+struct GivenUp;
+
+/// Gives up the work that tells of its progress: unwinds to the [`unless_given_up`] around it, past destructors, which remove files that
+/// are not finished. No panic is reported.
+pub fn give_up() -> ! {
+    resume_unwind(Box::new(GivenUp))
+}
+
+/// Does work whose listener may [`give_up`]; `None` where it did. What the work was changing in memory is lost with it.
+pub fn unless_given_up<T>(work: impl FnOnce() -> T) -> Option<T> {
+    match catch_unwind(AssertUnwindSafe(work)) {
+        Ok(done) => Some(done),
+        Err(panic) if panic.is::<GivenUp>() => None,
+        Err(panic) => resume_unwind(panic),
+    }
+}
 
 /// What [`crate::measure`] counts, as progress of one stage.
 pub(crate) fn rows_of<'a>(stage: &'static str, on_progress: OnProgress<'a>) -> impl FnMut(u64, u64) + 'a {
@@ -34,6 +54,7 @@ pub struct Tally(Option<Arc<Counted>>);
 struct Counted {
     now: Mutex<Progress>,
     listener: Sender<Heard>,
+    is_given_up: AtomicBool,
 }
 
 /// What the listening thread is told.
@@ -68,6 +89,9 @@ impl Tally {
 
     fn tell(&self, change: impl FnOnce(&mut Progress)) {
         let Some(counted) = &self.0 else { return };
+        if counted.is_given_up.load(Ordering::Relaxed) {
+            give_up();
+        }
         let mut now = counted.now.lock().unwrap_or_else(PoisonError::into_inner);
         change(&mut now);
         // Told under the lock, so that counts arrive in order. Work that goes on after its end has nobody to tell.
@@ -75,11 +99,14 @@ impl Tally {
     }
 }
 
-/// Does work that counts what it has done, and tells of it on the calling thread meanwhile.
+/// Does work that counts what it has done, and tells of it on the calling thread meanwhile. Where the listener gives up, the work ends at
+/// its next piece.
 pub fn counted<T: Send>(on_progress: OnProgress<'_>, work: impl FnOnce(&Tally) -> T + Send) -> T {
     let (sender, heard) = channel();
     let now = Mutex::new(Progress { stage: "", done: 0, total: 0 });
-    let tally = Tally(Some(Arc::new(Counted { now, listener: sender.clone() })));
+    let counted = Arc::new(Counted { now, listener: sender.clone(), is_given_up: AtomicBool::new(false) });
+    let tally = Tally(Some(Arc::clone(&counted)));
+    let is_given_up = &counted.is_given_up;
     thread::scope(|scope| {
         let working = scope.spawn(move || {
             // Also where the work panics: what it returns may hold copies of the tally, so nobody waits for the last of them.
@@ -90,9 +117,16 @@ pub fn counted<T: Send>(on_progress: OnProgress<'_>, work: impl FnOnce(&Tally) -
             Heard::Progress(progress) => Some(progress),
             Heard::End => None,
         }) {
-            on_progress(progress);
+            if !is_given_up.load(Ordering::Relaxed) && unless_given_up(|| on_progress(progress)).is_none() {
+                is_given_up.store(true, Ordering::Relaxed);
+            }
         }
-        working.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic))
+        let done = working.join().unwrap_or_else(|panic| resume_unwind(panic));
+        // It may have been at its last piece.
+        if is_given_up.load(Ordering::Relaxed) {
+            give_up();
+        }
+        done
     })
 }
 
@@ -108,6 +142,9 @@ impl Drop for AtEnd {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::atomic::AtomicU64;
+    use std::time::Duration;
+
     use rayon::prelude::*;
 
     use super::*;
@@ -139,5 +176,48 @@ mod tests {
             let _copy = tally.clone();
             panic!("broken");
         })
+    }
+
+    #[test]
+    fn work_that_is_given_up_ends_at_its_next_piece_on_every_thread() {
+        for last in [3, 100] {
+            let (mut heard, begun) = (0, AtomicU64::new(0));
+            let [asked, done] = [AtomicBool::new(false), AtomicBool::new(false)];
+            let outcome = unless_given_up(|| {
+                let on_progress = &mut |progress: Progress| {
+                    heard += 1;
+                    if progress.done == last {
+                        asked.store(true, Ordering::Relaxed);
+                        give_up();
+                    }
+                };
+                // What comes after the last piece that is wanted begins when the listener has heard of that.
+                let work = || {
+                    if begun.fetch_add(1, Ordering::Relaxed) > last {
+                        while !asked.load(Ordering::Relaxed) {
+                            thread::yield_now();
+                        }
+                        thread::sleep(Duration::from_millis(1));
+                    }
+                };
+                counted(on_progress, |tally| {
+                    tally.stage("pieces", 100);
+                    (0..100).into_par_iter().for_each(|_| tally.piece(work));
+                    done.store(true, Ordering::Relaxed);
+                })
+            });
+            assert_eq!(outcome, None);
+            // Stage and pieces up to the last, and nothing after it.
+            assert_eq!(heard, last + 1);
+            // The last piece is told of when nothing is left to be given up.
+            assert_eq!(done.into_inner(), last == 100);
+        }
+        assert_eq!(unless_given_up(|| 7), Some(7));
+    }
+
+    #[test]
+    #[should_panic(expected = "broken")]
+    fn another_panic_is_not_taken_for_it() {
+        unless_given_up(|| panic!("broken"));
     }
 }

@@ -71,6 +71,11 @@ def model_modes():
     numbers = [int(number) for number in nodes["node_nums"]]
     assert nodes_of_lines(sets(path, 82)) == set(numbers)
     shapes = [line.split(",") for line in (FOLDER / "model/model_shapes.csv").read_text().splitlines()]
+    table = pyarrow.parquet.read_table(FOLDER / "model/model_shapes.parquet").to_pydict()
+    assert list(table) == shapes[0]
+    for at, name in enumerate(shapes[0]):
+        cells = [row[at] for row in shapes[1:]]
+        assert table[name] == (cells if name in ("node", "dof") else [float(cell) if cell else None for cell in cells]), name
     names = ["ux", "uy", "uz", "rx", "ry", "rz"]
     read = sets(path, 55)
     for index, one in enumerate(read):

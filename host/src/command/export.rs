@@ -36,7 +36,7 @@ const EXAMPLES: &str = "Examples:
 
 Modes are those that `belfry identify` found; spectra are measured anew. Files go into the study's folder `results/export`: modes.uff, modes.csv, modes.json, psd.parquet, lines.parquet. Columns are named with their units.
 
-A model is written as stiffness.mtx and mass.mtx (damping.mtx where it has dashpots), dofs.csv (where each row of the matrices stands), model_shapes.csv (its modes at every degree of freedom, of unit modal mass) and model_modes.uff and .csv (the same at the sensors). [model] matrices in a study.toml reads it. Effects that are no part of stiffness and mass, such as faults of sensors, are named and left out.";
+A model is written as stiffness.mtx and mass.mtx (damping.mtx where it has dashpots), dofs.csv (where each row of the matrices stands), model_shapes.csv and .parquet (its modes at every degree of freedom, of unit modal mass) and model_modes.uff, .csv and .parquet (the same at the sensors). [model] matrices in a study.toml reads it. Effects that are no part of stiffness and mass, such as faults of sensors, are named and left out.";
 
 /// Write modes, spectra, or the model with its effects, for other tools
 #[derive(Debug, Args)]

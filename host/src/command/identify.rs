@@ -99,10 +99,10 @@ fn share(text: &str) -> Result<f64, String> {
 }
 
 impl Arguments {
-    /// What is wished; damping within a tenth where nothing is.
+    /// What is wished.
     fn wish(&self) -> Wish {
         match (self.frequency_within, self.damping_within) {
-            (None, None) => Wish { frequency: None, damping: Some(0.1) },
+            (None, None) => Wish::default(),
             (frequency, damping) => Wish { frequency, damping },
         }
     }

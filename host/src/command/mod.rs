@@ -50,6 +50,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 
 use crate::progress::{OnProgress, Progress};
+use crate::results::Versioned;
 
 pub use range::RangeArguments;
 pub use route::RouteArguments;
@@ -71,15 +72,6 @@ static BAR: Mutex<Option<ProgressBar>> = Mutex::new(None);
 /// Warnings that were printed: what was said once is not said again.
 static WARNED: LazyLock<Mutex<HashSet<String>>> = LazyLock::new(Mutex::default);
 
-/// A JSON object with the name and version of its schema: `docs/schema` has a file of that name for it. A key that goes, or that means
-/// something else, makes a new version; a key that comes does not.
-#[derive(Serialize)]
-struct Versioned<'a, T> {
-    schema: &'static str,
-    #[serde(flatten)]
-    object: &'a T,
-}
-
 /// The schema of a failure.
 const FAILURE: &str = "error-1";
 
@@ -89,10 +81,29 @@ struct Failure {
     error: FailureReport,
 }
 
-#[derive(Debug, Serialize)]
-struct FailureReport {
-    message: String,
-    causes: Vec<String>,
+/// Why a command failed, in sentences for its user.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct FailureReport {
+    /// What failed.
+    pub message: String,
+    /// Why: what the error before does not say itself, the nearest cause first.
+    pub causes: Vec<String>,
+}
+
+impl FailureReport {
+    /// What an error and its causes say.
+    pub fn of(error: &anyhow::Error) -> Self {
+        let message = text::shortened(&error.to_string()).into_owned();
+        let mut causes: Vec<String> = Vec::new();
+        for cause in error.chain().skip(1).map(ToString::to_string) {
+            // Many errors quote their cause.
+            let cause = text::shortened(&cause);
+            if !causes.last().unwrap_or(&message).contains(&*cause) {
+                causes.push(cause.into_owned());
+            }
+        }
+        Self { message, causes }
+    }
 }
 
 /// Where a command's words go: tables and sentences to standard output for people, or one JSON object with `--json`.
@@ -188,7 +199,7 @@ impl Console {
     pub fn json(&self, schema: &'static str, object: &impl Serialize) -> anyhow::Result<()> {
         if self.json {
             OBJECT_PRINTED.store(true, Ordering::Relaxed);
-            print(serde_json::to_string_pretty(&Versioned { schema, object })?)
+            print(serde_json::to_string_pretty(&Versioned::new(schema, object))?)
                 .context("cannot write to standard output")?;
         }
         Ok(())
@@ -197,25 +208,17 @@ impl Console {
     /// Says why a command failed: the error and its causes on standard error, a sentence each, and with `--json` as an object on
     /// standard output. Not by `Debug`, which adds stack traces where `RUST_BACKTRACE` is set.
     pub fn fail(&self, error: &anyhow::Error) {
-        let message = text::shortened(&error.to_string()).into_owned();
-        let mut causes: Vec<String> = Vec::new();
-        for cause in error.chain().skip(1).map(ToString::to_string) {
-            // Many errors quote their cause.
-            let cause = text::shortened(&cause);
-            if !causes.last().unwrap_or(&message).contains(&*cause) {
-                causes.push(cause.into_owned());
-            }
-        }
+        let report = FailureReport::of(error);
         let mut stderr = std::io::stderr().lock();
         // Where standard error is closed there is nobody left to tell; the exit status still says it.
-        let told = format!("error: {}", text::printable(&message));
+        let told = format!("error: {}", text::printable(&report.message));
         let _ = writeln!(stderr, "{}", text::wrapped_for_errors(&told));
-        for cause in &causes {
+        for cause in &report.causes {
             let _ = writeln!(stderr, "  caused by: {}", text::printable(cause));
         }
         // Some commands fail after they have said what they found.
         if self.json && !OBJECT_PRINTED.load(Ordering::Relaxed) {
-            let failure = Failure { error: FailureReport { message, causes } };
+            let failure = Failure { error: report };
             let is_line = LINES_PRINTED.load(Ordering::Relaxed);
             let _ = if is_line { self.json_line(FAILURE, &failure) } else { self.json(FAILURE, &failure) };
         }
@@ -228,7 +231,8 @@ impl Console {
     pub fn json_line(&self, schema: &'static str, object: &impl Serialize) -> anyhow::Result<()> {
         if self.json {
             LINES_PRINTED.store(true, Ordering::Relaxed);
-            print(serde_json::to_string(&Versioned { schema, object })?).context("cannot write to standard output")?;
+            print(serde_json::to_string(&Versioned::new(schema, object))?)
+                .context("cannot write to standard output")?;
         }
         Ok(())
     }

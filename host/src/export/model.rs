@@ -9,6 +9,7 @@ use nalgebra::DMatrix;
 use num_complex::Complex64;
 
 use super::modes::{Component, Mode, Modes};
+use super::parquet::{Cell, Kind, ParquetTable, Text};
 use super::universal_model::{self, ModelModes};
 use super::{ExportError, table, universal, write_bytes, write_file};
 use crate::model::effect::{Effect, EffectError};
@@ -121,6 +122,9 @@ impl ModelExport<'_> {
         let at_rows = assembly.at_rows(&modes.shapes);
         table::write_rows(&path, &shapes(&layout, names, &at_rows))?;
         note(path, dofs);
+        let path = folder.join("model_shapes.parquet");
+        write_shapes(&path, &layout, names, &at_rows)?;
+        note(path, dofs);
         if !layout.is_empty() {
             let (title, frame, frequency_hz) = (self.title, self.frame, modes.frequency_hz.as_slice());
             let drawn = ModelModes { title, layout: &layout, frame, frequency_hz, shapes: &at_rows };
@@ -134,6 +138,9 @@ impl ModelExport<'_> {
         table::write_csv(&path, &at_sensors)?;
         note(path, count);
         if !at_sensors.sensors.is_empty() {
+            let path = folder.join("model_modes.parquet");
+            let rows = table::write_parquet(&path, &at_sensors)?;
+            note(path, usize::try_from(rows).unwrap_or(usize::MAX));
             let path = folder.join("model_modes.uff");
             let (text, more) = universal::text(&at_sensors, self.title);
             write_file(&path, &text)?;
@@ -236,12 +243,39 @@ fn shapes(layout: &[LayoutNode], names: &[String], shapes: &DMatrix<f64>) -> Vec
     let modes = (1..=shapes.ncols()).map(|mode| format!("mode_{mode}"));
     let mut rows: Vec<Vec<String>> = vec![header.into_iter().chain(modes).collect()];
     for row in 0..shapes.nrows() {
-        let place = match dof_of_row(layout, row) {
-            Some((node, dof)) => [node.name.clone(), dof.to_owned(), node.position_m[2].to_string()],
-            None => [names.get(row).cloned().unwrap_or_default(), String::new(), String::new()],
-        };
+        let (node, dof, z_m) = place(layout, names, row);
+        let place = [node.to_owned(), dof.to_owned(), z_m.map_or_else(String::new, |z_m| z_m.to_string())];
         let values = shapes.row(row).iter().map(ToString::to_string).collect::<Vec<_>>();
         rows.push(std::iter::once((row + 1).to_string()).chain(place).chain(values).collect());
     }
     rows
+}
+
+/// The node, direction and height of a row, where they are known; of a row that has a name alone, that.
+fn place<'a>(layout: &'a [LayoutNode], names: &'a [String], row: usize) -> (&'a str, &'a str, Option<f64>) {
+    match dof_of_row(layout, row) {
+        Some((node, dof)) => (&node.name, dof, Some(node.position_m[2])),
+        None => (names.get(row).map_or("", String::as_str), "", None),
+    }
+}
+
+/// Writes the same table as Parquet.
+fn write_shapes(
+    path: &Path,
+    layout: &[LayoutNode],
+    names: &[String],
+    shapes: &DMatrix<f64>,
+) -> Result<u64, ExportError> {
+    let modes: Vec<String> = (1..=shapes.ncols()).map(|mode| format!("mode_{mode}")).collect();
+    let mut columns = vec![("row", Kind::Whole), ("node", Kind::Text), ("dof", Kind::Text), ("z_m", Kind::Number)];
+    columns.extend(modes.iter().map(|mode| (mode.as_str(), Kind::Number)));
+    let mut table = ParquetTable::create(path, &columns)?;
+    for row in 0..shapes.nrows() {
+        let (node, dof, z_m) = place(layout, names, row);
+        let (node, dof) = (Text::new(node), Text::new(dof));
+        let mut cells = vec![Cell::Whole(row as i64 + 1), Cell::Text(&node), Cell::Text(&dof), Cell::Number(z_m)];
+        cells.extend(shapes.row(row).iter().map(|value| Cell::Number(Some(*value))));
+        table.push(&cells)?;
+    }
+    table.finish()
 }

@@ -3,7 +3,10 @@
 use std::fs;
 use std::path::Path;
 
+use ::parquet::record::Field;
+
 use super::model::{MatrixFormat, ModelExport, left_out};
+use super::tests::parquet_rows;
 use crate::model::effect::Effect;
 use crate::model::{Assembly, BeamTable, Modes, Structure, load};
 use crate::modes::read;
@@ -95,6 +98,19 @@ fn modes_are_written_at_sensors_and_at_every_degree_of_freedom() {
     let dofs = assembly.dofs();
     assert_eq!((last[0], last[2]), (dofs.to_string().as_str(), "rz"));
     assert_eq!(last[4].parse::<f64>().unwrap(), modes.shapes[(dofs - 1, 0)]);
+    // The same table, to the last bit.
+    let (names, rows) = parquet_rows(&folder.path().join("model_shapes.parquet"));
+    let cell = |field: &Field| match field {
+        Field::Long(number) => number.to_string(),
+        Field::Str(text) => text.clone(),
+        Field::Double(number) => number.to_string(),
+        _ => String::new(),
+    };
+    let lines =
+        rows.iter().map(|row| row.get_column_iter().map(|(_, field)| cell(field)).collect::<Vec<_>>().join(","));
+    let table: Vec<String> = std::iter::once(names.join(",")).chain(lines).collect();
+    assert_eq!(table, text.lines().collect::<Vec<_>>());
+    assert_eq!(parquet_rows(&folder.path().join("model_modes.parquet")).1.len(), 30 * sensors.len());
 }
 
 /// Faults of sensors and forced lines change neither K nor M; everything else does.

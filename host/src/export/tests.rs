@@ -203,7 +203,7 @@ fn write_recording(folder: &Path) {
     fs::write(folder.join("a.csv"), text).unwrap();
 }
 
-fn parquet_rows(path: &Path) -> (Vec<String>, Vec<Row>) {
+pub(super) fn parquet_rows(path: &Path) -> (Vec<String>, Vec<Row>) {
     let reader = SerializedFileReader::new(File::open(path).unwrap()).unwrap();
     let names = reader.metadata().file_metadata().schema_descr().columns().iter().map(|c| c.path().string()).collect();
     (names, reader.into_iter().map(Result::unwrap).collect())

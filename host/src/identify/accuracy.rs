@@ -29,6 +29,13 @@ pub struct Wish {
     pub damping: Option<f64>,
 }
 
+impl Default for Wish {
+    /// Damping within a tenth.
+    fn default() -> Self {
+        Self { frequency: None, damping: Some(0.1) }
+    }
+}
+
 /// The record that a mode needs to reach them.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct RecordNeeded {

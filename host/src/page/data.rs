@@ -22,7 +22,7 @@ use crate::results::{
     PROFILE_FILE, RECORD_FILE, Results, SPECTRA_FILE, STABILISATION_FILE, UPDATE_FILE,
 };
 use crate::story::{
-    CURVES_FILE, Case, EFFECTS, Inputs, StoryError, UpdateReport, data_mark, outdated, turned_by_update,
+    AllInputs, CURVES_FILE, Case, EFFECTS, Inputs, StoryError, UpdateReport, data_mark, outdated, turned_by_update,
 };
 use crate::study::{Motion, STUDY_FILE, Sensor, Setup, Study, Unit};
 
@@ -91,9 +91,10 @@ const LATEST: Duration = Duration::from_secs(253_402_300_799);
 const CURVE_POINTS: usize = 24_000;
 
 /// What every result has: a file without it is damaged, though it is JSON.
-const PARTS: [(&str, &str); 9] = [
+const PARTS: [(&str, &str); 10] = [
     (MODES_FILE, "modes"),
     (SPECTRA_FILE, "setups"),
+    (STABILISATION_FILE, "setups"),
     (RECORD_FILE, "setups"),
     (UPDATE_FILE, "pairs"),
     (COVALIDATION_FILE, "channels"),
@@ -157,7 +158,7 @@ impl PageData {
                 None
             })
         });
-        let inputs: BTreeMap<String, Inputs> = inputs.unwrap_or_default();
+        let AllInputs { of_result: inputs, .. } = inputs.unwrap_or_default();
         let present = case.as_ref().map(Inputs::of_model);
         let stale = case.as_ref().zip(present.as_ref()).map(|(case, now)| stale(case, now, &results, &inputs));
         let stale = stale.unwrap_or_default();
@@ -183,7 +184,8 @@ impl PageData {
         let history = rounded(Value::Array(steps));
         let (diagnosis, covalidation) = (file(DIAGNOSIS_FILE, "diagnose"), file(COVALIDATION_FILE, "covalidate"));
         let of_recordings = |name: &str| if study.measured.is_some() { Value::Null } else { file(name, "identify") };
-        let [spectra, stabilisation, record] = [SPECTRA_FILE, STABILISATION_FILE, RECORD_FILE].map(of_recordings);
+        let [spectra, mut stabilisation, record] = [SPECTRA_FILE, STABILISATION_FILE, RECORD_FILE].map(of_recordings);
+        let stabilisation = stabilisation.get_mut("setups").map(Value::take).unwrap_or_default();
         let (fingerprints, profile) = (file(FINGERPRINTS_FILE, "diagnose"), file(PROFILE_FILE, "profile"));
         let (update, change) = (file(UPDATE_FILE, "update"), file(CHANGE_FILE, "change"));
         let nodes = nodes(study).unwrap_or_else(|error| {

@@ -5,7 +5,7 @@ use std::path::Path;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
-use super::{Results, ResultsError};
+use super::{Results, ResultsError, Versioned};
 
 /// What a file of objects says.
 pub(crate) struct Lines<T> {
@@ -67,7 +67,7 @@ impl Results {
             text.push('\n');
         }
         for object in objects {
-            let line = serde_json::to_string(object)
+            let line = serde_json::to_string(&Versioned::of_result(name, object))
                 .map_err(|error| ResultsError::Write { file: self.path(name), source: error.into() })?;
             text += &line;
             text.push('\n');

@@ -60,6 +60,52 @@ pub const INPUTS_FILE: &str = "inputs.json";
 /// The steps of the model, a JSON object a line.
 pub const HISTORY_FILE: &str = "history.jsonl";
 
+/// The schema of each result that is JSON, or JSON a line: `docs/schema` has a file of that name.
+const SCHEMAS: [(&str, &str); 19] = [
+    (MODES_FILE, "identify-1"),
+    (STABILISATION_FILE, "stabilisation-1"),
+    (SPECTRA_FILE, "spectra-1"),
+    (RECORD_FILE, "record-1"),
+    (LOOK_FILE, "look-1"),
+    (COMPARISON_FILE, "compare-1"),
+    (UPDATE_FILE, "update-1"),
+    (COVALIDATION_FILE, "covalidate-1"),
+    (DIAGNOSIS_FILE, "diagnose-1"),
+    (CHANGE_FILE, "change-1"),
+    (WATCH_FILE, "watch-1"),
+    (INTERVALS_FILE, "watch-interval-1"),
+    (REFERENCE_FILE, "watch-reference-1"),
+    (ALARMS_FILE, "watch-event-1"),
+    (FINGERPRINTS_FILE, "fingerprints-1"),
+    (PLAN_FILE, "plan-1"),
+    (PROFILE_FILE, "profile-1"),
+    (INPUTS_FILE, "inputs-1"),
+    (HISTORY_FILE, "step-1"),
+];
+
+/// A JSON object with the name and version of its schema: `docs/schema` has a file of that name for it. A key that goes, or that means
+/// something else, makes a new version; a key that comes does not.
+#[derive(Debug, Serialize)]
+pub struct Versioned<'a, T> {
+    #[serde(skip_serializing_if = "Option::is_none")]
+    schema: Option<&'static str>,
+    #[serde(flatten)]
+    object: &'a T,
+}
+
+impl<'a, T> Versioned<'a, T> {
+    /// An object of this schema.
+    pub fn new(schema: &'static str, object: &'a T) -> Self {
+        Self { schema: Some(schema), object }
+    }
+
+    /// An object of the schema that a result of this name has.
+    fn of_result(name: &str, object: &'a T) -> Self {
+        let schema = SCHEMAS.iter().find(|(file, _)| *file == name).map(|(_, schema)| *schema);
+        Self { schema, object }
+    }
+}
+
 /// Why a result could not be written or read.
 #[derive(Debug, Error)]
 pub enum ResultsError {
@@ -173,12 +219,12 @@ impl Results {
         }
     }
 
-    /// Writes an object as JSON and returns its path.
+    /// Writes an object as JSON that names its schema, and returns its path.
     ///
     /// # Errors
     /// [`ResultsError::Write`].
     pub fn write_json(&self, name: &str, object: &impl Serialize) -> Result<PathBuf, ResultsError> {
-        let text = serde_json::to_string_pretty(object)
+        let text = serde_json::to_string_pretty(&Versioned::of_result(name, object))
             .map_err(|error| ResultsError::Write { file: self.path(name), source: error.into() })?;
         self.write(name, (text + "\n").as_bytes())
     }
@@ -188,7 +234,7 @@ impl Results {
     /// # Errors
     /// [`ResultsError::Write`].
     pub fn write_json_short(&self, name: &str, object: &impl Serialize) -> Result<PathBuf, ResultsError> {
-        let text = serde_json::to_string(object)
+        let text = serde_json::to_string(&Versioned::of_result(name, object))
             .map_err(|error| ResultsError::Write { file: self.path(name), source: error.into() })?;
         self.write(name, (text + "\n").as_bytes())
     }

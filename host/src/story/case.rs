@@ -339,7 +339,10 @@ pub(super) fn model_warnings(
 }
 
 /// The modes that a study has, at the sensors of the same or of another study: those of `[measured]`, else what `belfry identify` has found.
-pub(super) fn measured_modes(study: &Study, sensors: &[Sensor]) -> Result<MeasuredModes, StoryError> {
+///
+/// # Errors
+/// When there are none yet, or they cannot be read.
+pub fn measured_modes(study: &Study, sensors: &[Sensor]) -> Result<MeasuredModes, StoryError> {
     if let Some(measured) = &study.measured {
         return Ok(read(&study.folder.join(&measured.modes), sensors)?);
     }

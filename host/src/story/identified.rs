@@ -299,15 +299,23 @@ fn link_report(fleets: &[FleetReport]) -> Option<LinkReport> {
 impl ModesReport {
     /// Why there are no modes; `None` where there are some. `picture` shows the singular values, `earlier` holds modes of an
     /// earlier run.
-    pub(super) fn no_modes(&self, study: &Study, picture: PathBuf, earlier: Option<PathBuf>) -> Option<StoryError> {
-        let found = &self.identification;
-        if !found.modes.is_empty() {
-            return None;
+    pub(super) fn no_modes(&self, picture: PathBuf, earlier: Option<PathBuf>) -> Option<StoryError> {
+        let mut reason = self.why_no_modes()?;
+        if let Some(earlier) = earlier {
+            reason += &format!(" {} keeps the modes of an earlier run.", earlier.display());
         }
         let last = self.grid.lines.saturating_sub(1);
         let band_hz = [self.grid.frequency_hz(0), self.grid.frequency_hz(last)];
-        let choice = &study.analysis.modes;
-        let mut reason = if !found.harmonics.is_empty() {
+        Some(StoryError::NoModes { band_hz, reason, picture, warnings: self.identification.warnings.clone() })
+    }
+
+    /// Why there are no modes and what to do, in whole sentences; `None` where there are some.
+    pub fn why_no_modes(&self) -> Option<String> {
+        let (found, choice) = (&self.identification, &self.choice);
+        if !found.modes.is_empty() {
+            return None;
+        }
+        Some(if !found.harmonics.is_empty() {
             let lines: Vec<String> =
                 found.harmonics.iter().map(|line| format!("{:.4} Hz", line.frequency_hz)).collect();
             format!(
@@ -325,11 +333,7 @@ impl ModesReport {
                 found.averages,
                 found.record_s / 3600.0
             )
-        };
-        if let Some(earlier) = earlier {
-            reason += &format!(" {} keeps the modes of an earlier run.", earlier.display());
-        }
-        Some(StoryError::NoModes { band_hz, reason, picture, warnings: found.warnings.clone() })
+        })
     }
 }
 

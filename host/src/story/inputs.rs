@@ -6,6 +6,7 @@ use std::io::{self, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
 use crc::{CRC_64_XZ, Crc};
+use serde::de::IgnoredAny;
 use serde::{Deserialize, Serialize};
 
 use super::case::Case;
@@ -26,6 +27,16 @@ pub(crate) const EFFECTS: &str = "the model's effects";
 /// held against.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Inputs(BTreeMap<String, String>);
+
+/// What each result of the model was computed from, by the name of its file.
+#[derive(Debug, Default, Serialize, Deserialize)]
+pub(crate) struct AllInputs {
+    /// The file's schema, which is no result.
+    #[serde(default, rename = "schema", skip_serializing)]
+    _schema: IgnoredAny,
+    #[serde(flatten)]
+    pub(crate) of_result: BTreeMap<String, Inputs>,
+}
 
 impl Inputs {
     /// Those of a study as it stands now. A live setup's windows are left out: they grow on their own.

@@ -68,8 +68,8 @@ mod watched;
 
 pub use crate::measure::Route;
 pub use crate::progress::{OnProgress, Progress};
-pub use case::Case;
 pub(crate) use case::outdated;
+pub use case::{Case, measured_modes};
 pub use cause::{Cause, ProbableEffect};
 pub(crate) use change::data_mark;
 pub use change::{AutoEnd, ChangeReport, EffectReport, add, add_until_nothing_gains, remove};
@@ -80,6 +80,7 @@ pub use covalidated::{
 };
 pub use error::{CovalidateError, StoryError};
 pub use identified::{LinkReport, Method, ModesReport, SegmentReport, TimingReport, identify};
+pub(crate) use inputs::AllInputs;
 pub(crate) use inputs::EFFECTS;
 pub use inputs::Inputs;
 pub use left_out::MOST_NOISE_GAIN;

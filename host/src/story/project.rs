@@ -1,6 +1,5 @@
 //! A study's folder, and the steps that are taken in it.
 
-use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -9,7 +8,7 @@ use super::change::{AutoEnd, ChangeReport, add, add_until_nothing_gains, remove}
 use super::covalidated::{CURVES_FILE, CovalidationReport, CovalidationRequest, covalidate};
 use super::error::StoryError;
 use super::identified::{Method, ModesReport, identify, interval_for_temperatures};
-use super::inputs::Inputs;
+use super::inputs::{AllInputs, Inputs};
 use super::looked::{LookReport, look};
 use super::motion::curves_csv;
 use super::planned::{PlanRequest, planned};
@@ -141,9 +140,8 @@ impl Project {
         let _lock = FolderLock::take(self.results.folder(), || {})
             .map_err(|source| ResultsError::Write { file: self.results.path(INPUTS_FILE), source })?;
         // Where the file is not what it should be, nothing is known of the others.
-        let mut all: BTreeMap<String, Inputs> =
-            self.results.read_json(INPUTS_FILE, "diagnose").ok().flatten().unwrap_or_default();
-        all.insert(result.to_owned(), inputs);
+        let mut all: AllInputs = self.results.read_json(INPUTS_FILE, "diagnose").ok().flatten().unwrap_or_default();
+        all.of_result.insert(result.to_owned(), inputs);
         self.results.write_json(INPUTS_FILE, &all)?;
         Ok(())
     }
@@ -170,12 +168,13 @@ impl Project {
         let name = &self.study.structure.name;
         let picture = picture::singular_values(name, &self.study.setups, &report.identification)?;
         let picture = self.results.write("singular_values.svg", picture.as_bytes())?;
-        if let Some(no_modes) = report.no_modes(&self.study, picture, self.earlier_modes()) {
+        if let Some(no_modes) = report.no_modes(picture, self.earlier_modes()) {
             return Err(no_modes);
         }
         if let Some(picture) = picture::stabilisation(name, &report.identification)? {
             self.results.write("stabilisation.svg", picture.as_bytes())?;
-            self.results.write_json(STABILISATION_FILE, &report.identification.stabilisation)?;
+            let setups = &report.identification.stabilisation;
+            self.results.write_json(STABILISATION_FILE, &serde_json::json!({ "setups": setups }))?;
         }
         report.record_needed = request.wish.map(|wish| record_needed(&report.identification, wish));
         self.results.write_json(MODES_FILE, &report)?;

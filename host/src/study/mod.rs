@@ -24,7 +24,7 @@ pub use types::{
 
 impl Study {
     /// The study's folder, from its path or that of its `study.toml`.
-    pub(crate) fn folder_of(path: &Path) -> &Path {
+    pub fn folder_of(path: &Path) -> &Path {
         match path.parent() {
             Some(parent) if path.ends_with(STUDY_FILE) && !path.is_dir() => {
                 if parent == Path::new("") {

@@ -151,8 +151,10 @@ fn what_is_not_run_has_a_known_reason_and_options_that_exist() {
     for document in documents() {
         for block in &document.blocks {
             let at = format!("{}:{}", document.name, block.first_line);
-            if !["sh", "text", "toml", "csv"].contains(&block.language.as_str()) {
-                faults.push(format!("{at}: a block of sh, text, toml or csv is expected, not of {:?}", block.language));
+            // The tutorial's of Python are run where the module is installed: packaging/try.sh.
+            if !["sh", "text", "toml", "csv", "python"].contains(&block.language.as_str()) {
+                let found = &block.language;
+                faults.push(format!("{at}: a block of sh, text, toml, csv or python is expected, not of {found:?}"));
             }
             if block.language == "toml"
                 && let Err(error) = block.lines.join("\n").parse::<toml::Table>()
@@ -206,6 +208,23 @@ fn the_table_of_commands_is_that_of_the_help() {
     }
     commands.retain(|(name, _)| name != "help");
     assert_eq!(rows.collect::<Vec<_>>(), commands);
+}
+
+/// `python3 packaging/notebook.py` makes it; `./test --all` runs it.
+#[test]
+fn the_notebook_has_the_blocks_of_the_tutorial() {
+    let page = Document::read(&repository(), "docs/tutorial.md");
+    let is_cell = |block: &&Block| block.note.is_none() && ["python", "sh"].contains(&block.language.as_str());
+    let blocks: Vec<String> = page.blocks.iter().filter(is_cell).map(|block| block.lines.join("\n")).collect();
+    let text = fs::read_to_string(repository().join("docs/tutorial.ipynb")).unwrap();
+    let notebook: serde_json::Value = serde_json::from_str(&text).unwrap();
+    let lines = |cell: &serde_json::Value| -> String {
+        cell["source"].as_array().unwrap().iter().map(|line| line.as_str().unwrap()).collect()
+    };
+    let of_code = notebook["cells"].as_array().unwrap().iter().filter(|cell| cell["cell_type"] == "code");
+    let cells: Vec<String> = of_code.map(|cell| lines(cell).trim_start_matches("%%sh\n").to_owned()).collect();
+    assert!(cells.len() > 8, "{cells:?}");
+    assert_eq!(cells, blocks);
 }
 
 #[test]

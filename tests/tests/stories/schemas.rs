@@ -1,42 +1,46 @@
-//! A program reads what commands print with --json: every object names its schema, `docs/schema` has it, and the object is as it says.
+//! A program reads what commands print with --json, and what they write into `results`: every object names its schema, `docs/schema` has it, and
+//! the object is as it says.
 //!
 //! `python3 tests/schema.py` widens a schema for an object that has more; a key that goes, or that means something else, takes a new version.
 
 use std::collections::BTreeSet;
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use belfry_tests::{belfry_command, repository, schema};
 use serde_json::Value;
 
-/// What is named where the program prints objects: `console.json("name-1", ...)`.
-fn named_in_source(folder: &Path, names: &mut BTreeSet<String>) {
-    for entry in fs::read_dir(folder).unwrap() {
-        let path = entry.unwrap().path();
-        if path.is_dir() {
-            named_in_source(&path, names);
-            continue;
-        }
-        let text = fs::read_to_string(&path).unwrap();
-        for call in [".json(", ".json_line(", "const FAILURE: &str ="] {
-            let named =
-                text.split(call).skip(1).filter_map(|rest| rest.trim_start().strip_prefix('"')?.split('"').next());
-            names.extend(named.map(str::to_owned));
-        }
+/// The files below a folder.
+fn files(folder: &Path) -> Vec<PathBuf> {
+    let entries = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
+    entries.flat_map(|path| if path.is_dir() { files(&path) } else { vec![path] }).collect()
+}
+
+/// What stands in quotes behind some words of the program's source.
+fn named(text: &str, words: &[&str], names: &mut BTreeSet<String>) {
+    for word in words {
+        let named = text.split(word).skip(1).filter_map(|rest| rest.trim_start().strip_prefix('"')?.split('"').next());
+        names.extend(named.map(str::to_owned));
     }
 }
 
 #[test]
 fn every_object_has_a_schema_and_every_schema_an_object() {
-    let mut named = BTreeSet::new();
-    named_in_source(&repository().join("host/src/command"), &mut named);
-    let files = fs::read_dir(schema::folder()).unwrap().map(|entry| entry.unwrap().path());
-    let kept: BTreeSet<String> = files
+    let mut names = BTreeSet::new();
+    let read = |path: &Path| fs::read_to_string(path).unwrap();
+    for file in files(&repository().join("host/src/command")) {
+        // `console.json("name-1", ...)`
+        named(&read(&file), &[".json(", ".json_line(", "const FAILURE: &str ="], &mut names);
+    }
+    // `(MODES_FILE, "name-1")`
+    named(&read(&repository().join("host/src/results/mod.rs")), &["_FILE,"], &mut names);
+    let kept: BTreeSet<String> = files(&schema::folder())
+        .into_iter()
         .filter(|file| file.extension().is_some_and(|ending| ending == "json"))
         .map(|file| file.file_stem().unwrap().to_str().unwrap().to_owned())
         .collect();
-    assert!(named.len() > 25, "{named:?}");
-    assert_eq!(named, kept);
+    assert!(names.len() > 35, "{names:?}");
+    assert_eq!(names, kept);
     for name in kept {
         let text = fs::read_to_string(schema::folder().join(format!("{name}.json"))).unwrap();
         let schema: Value = serde_json::from_str(&text).unwrap();
@@ -108,6 +112,21 @@ fn what_commands_print_is_as_their_schemas_say() {
     ] {
         seen.insert(object(folder.path(), words)["schema"].as_str().unwrap().to_owned());
     }
+    let mut results = BTreeSet::new();
+    for file in files(&folder.path().join("canton/results")) {
+        let text = || fs::read_to_string(&file).unwrap();
+        let objects: Vec<String> = match file.extension().and_then(|ending| ending.to_str()) {
+            Some("json") => vec![text()],
+            Some("jsonl") => text().lines().map(str::to_owned).collect(),
+            _ => continue,
+        };
+        for object in objects {
+            let faults = schema::faults(&serde_json::from_str(&object).unwrap());
+            assert!(faults.is_empty(), "{}:\n{}", file.display(), faults.join("\n"));
+        }
+        results.insert(file.file_name().unwrap().to_str().unwrap().to_owned());
+    }
+    assert!(results.len() >= 17, "{results:?}");
     // What takes nodes: the stories of collecting and of the demo hold theirs against the schemas.
     assert!(seen.len() >= 24, "{seen:?}");
 }
