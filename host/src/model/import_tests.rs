@@ -227,9 +227,9 @@ fn effects_that_need_segments_say_that_matrices_have_none() {
     // A mass needs a height only, and a base what stands on it: they act as on the beam, and sensors at the foot see as much.
     for effect in [
         "added-mass@33m=1000",
-        "base-rotation=flexibility_x=1e-12,flexibility_y=3e-12",
-        "base-translation=2e-10",
-        "base-torsion=1e-12",
+        "base-rotation=flexibility_x=1e-8,flexibility_y=3e-8",
+        "base-translation=1e-5",
+        "base-torsion=1e-8",
     ] {
         let on_matrices = with(effect).map_err(|error| error.to_string()).unwrap().assemble();
         let on_beam =
