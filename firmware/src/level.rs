@@ -3,10 +3,12 @@
 use belfry_shared::message::{MAX_CHANNELS, SensorState};
 use heapless::Vec;
 
-/// White noise of this RMS in m/s² is a hundred times that of the sensor, sampled at 50 Hz.
+/// White noise of this RMS in m/s² is some thirty times that of the sensor, sampled at 1000 Hz, and a hundred times that at 50 Hz.
 const NOISY_M_S2: f32 = 0.1;
-/// Where this share of the power is white, little of it is motion of the structure.
-const WHITE: f32 = 0.5;
+/// Where this share of the power is white, by its second differences, little of it is motion of the structure: a tone has it above 0.15 of the
+/// sampling rate. The sensor's noise passes its filters, a fifth power of a sinc: 0.3 of it is white where their rate is the sampling rate, 0.16 where
+/// it is 0.8 of that, the least that it can be, and 0.5 at 50 Hz.
+const WHITE: f32 = 0.125;
 
 /// A sum in two steps: a minute at 1000 Hz has 60 000 terms, more than an f32 bears one by one.
 #[derive(Debug, Clone, Copy)]

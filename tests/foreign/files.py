@@ -272,6 +272,55 @@ def write_tdms():
             assert np.array_equal(group[channel][:], RECORD[:, place]), name
 
 
+def write_udbf():
+    """Of a Gantner logger itself: the first rows of a recording that comes with Gantner's package ginsapy, with its numbers as numpy reads them. And the
+    recording after the layout of that file, in either order of bytes, with a gap, and as two loggers have it."""
+    import subprocess
+    import tempfile
+    import zipfile
+
+    with tempfile.TemporaryDirectory() as folder:
+        subprocess.run([sys.executable, "-m", "pip", "download", "--quiet", "--no-deps", "--dest", folder, "ginsapy==0.4.0"], check=True)
+        wheel = zipfile.ZipFile(next(pathlib.Path(folder).glob("ginsapy*.whl")))
+        whole = wheel.read("ginsapy/examples/GinsDataloggerReadDatFiles.dat")
+    data, row = 0x150, np.dtype([("time", "<u8"), ("values", "<f4", 9)])
+    (FOLDER / "gantner.dat").write_bytes(whole[: data + 500 * row.itemsize])
+    np.save(FOLDER / "gantner.npy", np.frombuffer(whole, row, 500, data)["values"])
+
+    def text(words):
+        return len(words.encode("latin-1") + b"\0"), words.encode("latin-1") + b"\0"
+
+    def file(name, order, columns, kinds, numbers, ahead_s=0.0):
+        def word(number):
+            return np.array(number, order + "u2").tobytes()
+
+        def words(what):
+            length, raw = text(what)
+            return word(length) + raw
+
+        reals = [np.array(number, order + "f8").tobytes() for number in (1.0, 1e-9, 36526.0, RATE_HZ)]
+        head = bytes([order == ">"]) + word(107) + words("UniversalDataBinFile - GANTNER instruments") + b"\0" + word(0)
+        head += reals[0] + word(14) + reals[1] + reals[2] + reals[3] + word(len(columns))
+        for column, (kind, _) in zip(columns, kinds):
+            head += words(column) + word(0) + word(kind) + word(8) + word(3) + words("m/s\u00b2") + word(0)
+        head += b"*" * 8
+        head += b"*" * (-len(head) % 16)
+        rows = np.zeros(len(numbers), [("time", order + "u8")] + [(column, order + kind) for column, (_, kind) in zip(columns, kinds)])
+        # 2026-03-01 12:00:00.25 in nanoseconds since 2000.
+        rows["time"] = [825_681_600_250_000_000 + round((number / RATE_HZ + ahead_s) * 1e9) for number in numbers]
+        for column in columns:
+            rows[column] = RECORD[numbers, NAMES.index(column)]
+        (FOLDER / name).write_bytes(head + rows.tobytes())
+
+    every, kinds = np.arange(ROWS), [(12, "f8"), (8, "f4")]
+    file("udbf_little.dat", "<", NAMES, kinds, every)
+    file("udbf_big.dat", ">", NAMES, kinds, every)
+    file("udbf_gap.dat", "<", NAMES, kinds, np.delete(every, slice(120, 150)))
+    file("udbf_one.dat", "<", NAMES[:1], kinds[:1], every)
+    # The second logger began ten samples and a fifth later, and stopped before.
+    file("udbf_two.dat", "<", NAMES[1:], kinds[1:], every[10:250], 0.2 / RATE_HZ)
+
+
 np.save(FOLDER / "same.npy", RECORD)
 write_hdf5()
 write_complex()
@@ -280,3 +329,4 @@ write_geometry()
 write_wav()
 write_seismic()
 write_tdms()
+write_udbf()

@@ -97,7 +97,7 @@ fn print(page: &Path) -> anyhow::Result<PathBuf> {
         let mut command = Command::new(browser);
         command.args(["--headless", "--disable-gpu", "--no-pdf-header-footer", "--virtual-time-budget=10000"]);
         // For root, as in containers, Chromium has no sandbox.
-        command.args(rustix::process::geteuid().is_root().then_some("--no-sandbox"));
+        command.args(is_root().then_some("--no-sandbox"));
         command.arg(format!("--print-to-pdf={}", printed.display())).arg(address.as_str());
         match command.output() {
             Ok(output) if output.status.success() && printed.exists() => {
@@ -122,4 +122,16 @@ fn print(page: &Path) -> anyhow::Result<PathBuf> {
 /// Opens a page in the user's browser.
 pub(super) fn open(page: impl AsRef<std::ffi::OsStr>) -> anyhow::Result<()> {
     open::that_detached(page.as_ref()).with_context(|| format!("no browser opens {}", page.as_ref().display()))
+}
+
+/// Whether the user is root.
+#[cfg(unix)]
+fn is_root() -> bool {
+    rustix::process::geteuid().is_root()
+}
+
+/// Other systems have no root.
+#[cfg(not(unix))]
+fn is_root() -> bool {
+    false
 }

@@ -1,4 +1,4 @@
-//! Channels as stretches of samples in files: what WAV, HDF5, TDMS, SAC and miniSEED have in common.
+//! Channels as stretches of samples in files: what WAV, HDF5, TDMS, SAC, miniSEED and UDBF have in common.
 //!
 //! A format's reader says where the samples of each channel stand; rows flow out, NaN where no stretch reaches. Samples of several channels
 //! that stand in turn are fetched once.

@@ -7,6 +7,8 @@ use crate::statistics::median;
 
 /// A time column's step (or the rate that a file states) may differ from the sampling rate by this much.
 const RATE_TOLERANCE: f64 = 1e-3;
+/// Times that are seconds since 1970, and not since the recording's start: of the years 2001 to 2100.
+pub(super) const UNIX_S: std::ops::Range<f64> = 1e9..4.1e9;
 /// Rows that may be filled into one recording: 55 h at 50 Hz. More is a wrong time column, not a gap.
 pub(super) const MOST_FILLED_ROWS: u64 = 10_000_000;
 /// The rate is compared with the setup's over stretches of this many steps.
@@ -58,6 +60,11 @@ impl Clock {
         }
     }
 
+    /// Time from the first row to the last that was seen, in s; `None` without a column of times.
+    pub(super) fn elapsed_s(&self) -> Option<f64> {
+        Some(self.previous_s? - self.recording_start_s?)
+    }
+
     /// Notes blank lines between two rows, of which no time says whether samples are missing there.
     pub(super) fn note_blank_lines(&mut self, position: FilePosition, count: u64) {
         let (_, all) = self.blank_lines.get_or_insert((position, 0));
@@ -81,7 +88,8 @@ impl Clock {
         let Some(previous_s) = self.previous_s.replace(time_s) else { return Ok(0) };
         let step_s = time_s - previous_s;
         let step_rows = step_s * self.sampling_rate_hz;
-        if first_of_file && step_s <= 0.0 {
+        // Times since 1970 do not start again: such files are of two loggers, or one of them twice.
+        if first_of_file && step_s <= 0.0 && !UNIX_S.contains(&time_s) {
             let restarts = |at_s: f64| (time_s - at_s).abs() * self.sampling_rate_hz <= 1.5;
             if restarts(start_s) || restarts(0.0) {
                 return Ok(0);

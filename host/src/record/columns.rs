@@ -138,6 +138,24 @@ impl Selection {
         })
     }
 
+    /// The selections of files beside each other, each with the places of its channels, as one.
+    pub(super) fn of_parts<'a>(parts: impl Iterator<Item = (&'a Self, &'a [usize])>) -> Self {
+        let mut channels: Vec<(usize, usize, f64, f64, &str)> = Vec::new();
+        for (part, places) in parts {
+            let numbers = part.columns.iter().zip(&part.factors).zip(&part.offsets);
+            for ((place, ((column, factor), offset)), name) in places.iter().zip(numbers).zip(&part.channels) {
+                channels.push((*place, *column, *factor, *offset, name));
+            }
+        }
+        channels.sort_by_key(|channel| channel.0);
+        Self {
+            columns: channels.iter().map(|channel| channel.1).collect(),
+            factors: channels.iter().map(|channel| channel.2).collect(),
+            offsets: channels.iter().map(|channel| channel.3).collect(),
+            channels: channels.iter().map(|channel| channel.4.to_owned()).collect(),
+        }
+    }
+
     /// The name of a channel, for errors.
     pub(super) fn channel(&self, index: usize) -> String {
         self.channels.get(index).cloned().unwrap_or_default()

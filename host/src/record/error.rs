@@ -69,7 +69,7 @@ pub enum RecordError {
     #[error("{file} is named twice by the setup's `files`: its rows would count twice, so make the patterns disjoint")]
     FileTwice { file: PathBuf },
     #[error(
-        "{file}: the ending says nothing about the format: expected .txt, .asc or .dat (white space), .csv, .npy, .mat, .parquet, .uff or .unv, .h5 or .hdf5, .wav, .sac, .mseed or .tdms"
+        "{file}: the ending says nothing about the format: expected .txt, .asc or .dat (white space, TOA5, UDBF), .csv, .npy, .mat, .parquet, .uff or .unv, .h5 or .hdf5, .wav, .sac, .mseed or .tdms"
     )]
     UnknownEnding { file: PathBuf },
     #[error("{file} cannot be read: {source}")]
@@ -88,6 +88,18 @@ pub enum RecordError {
         "{file} has more than one column named `{channel}`: rename them so that the sensor's channel is one of them"
     )]
     AmbiguousChannel { file: PathBuf, channel: String },
+    #[error(
+        "{file} has other channels than another logger's file of this setup, and does not say when it begins in UTC: give the setup of a TOA5 file `utc_offset_h`, a table a column of seconds since 1970, or make two setups"
+    )]
+    LoggerWithoutTime { file: PathBuf },
+    #[error(
+        "{file} has a channel `{channel}`, as another logger's file of this setup has: rename one of them, or make two setups"
+    )]
+    AmbiguousLogger { file: PathBuf, channel: String },
+    #[error(
+        "{file} begins {late_s:.0} s after the setup's first file: filling that would take more than {limit} rows; make two setups"
+    )]
+    LoggerTooLate { file: PathBuf, late_s: f64, limit: u64 },
     #[error(
         "{position}: {found} values, but the rows before it (or the header) have {expected}: complete or remove the line; a missing sample is written NaN"
     )]

@@ -3,7 +3,7 @@
 //! Files flow in; rows in the study's channel order and in SI units flow out, with NaN where a sample is missing. The
 //! format goes by a file's ending: white space (`.txt`, `.asc`, `.dat`), CSV (`.csv`), NumPy (`.npy`), MATLAB
 //! (`.mat`), HDF5 (`.h5`, `.hdf5`), Parquet (`.parquet`), datasets 58 of a universal file (`.uff`, `.unv`), WAV (`.wav`),
-//! SAC (`.sac`), miniSEED (`.mseed`), TDMS (`.tdms`). At the end a [`RecordReport`] says what
+//! SAC (`.sac`), miniSEED (`.mseed`), TDMS (`.tdms`), UDBF (`.dat`, `.udbf`). At the end a [`RecordReport`] says what
 //! was missing, dead or unusual.
 
 mod array;
@@ -14,12 +14,14 @@ mod columns;
 mod error;
 mod files;
 mod hdf5;
+mod lanes;
 mod lines;
 pub mod mat;
 mod mseed;
 mod npy;
 mod number;
 mod parquet;
+mod preamble;
 mod report;
 mod response_name;
 mod row_reader;
@@ -31,6 +33,7 @@ pub mod survey;
 mod tdms;
 mod text;
 mod traces;
+mod udbf;
 mod uff;
 mod warning;
 mod wav;
@@ -55,9 +58,9 @@ pub use warning::{Affected, RecordWarning};
 use crate::study::Setup;
 use clock::Clock;
 use columns::Selection;
+use lanes::Lane;
 use report::Statistics;
-use row_reader::{RowReader, Rows};
-use source_file::{SourceFile, common_columns};
+use source_file::SourceFile;
 
 /// Values in a block: few enough to stay in the second-level cache while they are decoded and analysed.
 const BLOCK_VALUES: usize = 1 << 15;
@@ -71,11 +74,9 @@ const BLOCK_ROWS: std::ops::RangeInclusive<usize> = 64..=4096;
 #[derive(Debug)]
 pub struct Recording {
     setup: Setup,
-    files: Vec<SourceFile>,
+    /// One, or several that stand beside each other.
+    lanes: Vec<Lane>,
     selection: Selection,
-    clock: Clock,
-    next_file: usize,
-    reader: Option<Box<dyn RowReader>>,
     statistics: Statistics,
     /// Rows read of the open file, where it is joined of blocks.
     rows_of_file: u64,
@@ -102,22 +103,10 @@ impl Recording {
             return Err(RecordError::SamplingRate { setup: setup.name.clone(), sampling_rate_hz });
         }
         let files = files::matching_files(setup, folder)?;
-        let files = SourceFile::all(files)?;
-        let (Some(columns), Some(first)) = (common_columns(&files, setup)?, files.first()) else {
-            return Err(RecordError::NoFiles { setup: setup.name.clone() });
-        };
-        let selection = Selection::new(setup, &columns, &first.path)?;
-        Ok(Self {
-            statistics: Statistics::new(selection.columns.len()),
-            clock: Clock::new(sampling_rate_hz),
-            setup: setup.clone(),
-            files,
-            selection,
-            next_file: 0,
-            reader: None,
-            rows_of_file: 0,
-            put_in: 0,
-        })
+        let lanes = lanes::lanes_of(setup, SourceFile::all(files)?)?;
+        let selection = Selection::of_parts(lanes.iter().map(|lane| (&lane.selection, lane.places())));
+        let statistics = Statistics::new(selection.columns.len());
+        Ok(Self { setup: setup.clone(), lanes, selection, statistics, rows_of_file: 0, put_in: 0 })
     }
 
     /// Rows per second.
@@ -135,20 +124,24 @@ impl Recording {
     /// # Errors
     /// Where the first file cannot be read.
     pub fn start_ns(&self) -> Result<Option<i64>, RecordError> {
-        let Some(first) = self.files.first() else { return Ok(None) };
-        Ok(first.said(&self.setup)?.start_ns.filter(|start_ns| *start_ns > 0))
+        let starts = self.lanes.iter().map(Lane::start_ns).collect::<Result<Vec<_>, _>>()?;
+        Ok(starts.into_iter().flatten().min())
     }
 
     /// Exact number of rows of the whole recording, filled gaps and those between joined blocks included. At once for NPY, MATLAB, HDF5, WAV,
-    /// TDMS and SAC, and for Parquet without a time column; heads of records of miniSEED and datasets of universal files are gone through, and
+    /// TDMS, SAC and UDBF, and for Parquet without a time column; heads of records of miniSEED and datasets of universal files are gone through, and
     /// text is read through (without parsing its samples), so call it once.
     ///
     /// # Errors
     /// Where a file cannot be read, or its time column goes wrong.
     pub fn total_rows(&self) -> Result<u64, RecordError> {
+        let [lane] = self.lanes.as_slice() else {
+            let ends = self.lanes.iter().map(Lane::count_rows).collect::<Result<Vec<_>, _>>()?;
+            return Ok(ends.into_iter().max().unwrap_or(0));
+        };
         let mut clock = Clock::new(self.setup.sampling_rate_hz);
         let mut is_first = true;
-        let rows = self.files.iter().map(|file| {
+        let rows = lane.files.iter().map(|file| {
             let rows = file.count_rows(&self.setup, &mut clock)?;
             let within = self.setup.block_rows().map_or(0, |block| rows.saturating_sub(1) / block);
             let before = u64::from(self.setup.block_s.is_some() && rows > 0 && !std::mem::take(&mut is_first));
@@ -172,36 +165,47 @@ impl Recording {
             let put_in = ROWS_BETWEEN_BLOCKS * (rows / usize::try_from(length).unwrap_or(usize::MAX) + 1);
             rows.saturating_sub(put_in).max(1)
         });
-        loop {
-            let values = block.start(channels);
-            let Some(reader) = &mut self.reader else {
-                let Some(file) = self.files.get(self.next_file) else { return Ok(false) };
-                self.reader = Some(file.open(&self.setup)?);
-                self.next_file += 1;
-                self.clock.start_file();
-                self.rows_of_file = 0;
-                continue;
-            };
-            let mut into = Rows { selection: &self.selection, clock: &mut self.clock, values };
-            if reader.read(rows, &mut into)? > 0 {
-                block.subtract(&self.selection.offsets);
-                self.statistics.add(block, |row| reader.position(row));
-                if let Some(rows) = self.setup.block_rows() {
-                    let before = block.row_count();
-                    let is_start = self.next_file == 1 && self.rows_of_file == 0;
-                    self.rows_of_file = block.part(self.rows_of_file, rows, ROWS_BETWEEN_BLOCKS, is_start);
-                    self.put_in += (block.row_count() - before) as u64;
-                }
-                return Ok(true);
-            }
-            self.reader = None;
+        let values = block.start(channels);
+        let [lane] = self.lanes.as_mut_slice() else {
+            let (count, firsts) = lanes::read_beside(&mut self.lanes, rows, channels, values)?;
+            block.subtract(&self.selection.offsets);
+            let lanes = &self.lanes;
+            self.statistics.add(block, |row, channel| {
+                let lane = lanes::lane_of(lanes, channel);
+                let first = firsts.get(lane).copied().unwrap_or(0);
+                lanes.get(lane).map_or_else(|| FilePosition::line(Path::new(""), 0), |lane| lane.position(first + row))
+            });
+            return Ok(count > 0);
+        };
+        let (count, begins_file) = lane.read(rows, values)?;
+        if count == 0 {
+            return Ok(false);
         }
+        if begins_file {
+            self.rows_of_file = 0;
+        }
+        block.subtract(&self.selection.offsets);
+        self.statistics.add(block, |row, _| lane.position(row));
+        if let Some(rows) = self.setup.block_rows() {
+            let before = block.row_count();
+            let is_start = lane.is_in_first_file() && self.rows_of_file == 0;
+            self.rows_of_file = block.part(self.rows_of_file, rows, ROWS_BETWEEN_BLOCKS, is_start);
+            self.put_in += (block.row_count() - before) as u64;
+        }
+        Ok(true)
     }
 
     /// What was read so far, and what the user should know about it.
     pub fn finish(self) -> RecordReport {
-        let mut report = self.statistics.report(&self.selection, &self.clock, self.setup.sampling_rate_hz);
+        // Of lanes, gaps in time are of some channels, and among what is missing of these.
+        let of_all = Clock::new(self.setup.sampling_rate_hz);
+        let clock = match self.lanes.as_slice() {
+            [lane] => &lane.clock,
+            _ => &of_all,
+        };
+        let mut report = self.statistics.report(&self.selection, clock, self.setup.sampling_rate_hz);
         report.rows += self.put_in;
+        report.warnings.extend(lanes::warnings(&self.lanes, self.setup.sampling_rate_hz));
         report
     }
 }

@@ -158,6 +158,16 @@ impl ParquetReader {
         Ok(rows + missing)
     }
 
+    /// The time of the first row in s, where there is a column of times: since 1970 where it holds timestamps.
+    pub(super) fn first_time_s(mut self) -> Result<Option<f64>, RecordError> {
+        let Some(time) = self.time.clone() else { return Ok(None) };
+        if !self.next_batch(1, &[])? {
+            return Ok(None);
+        }
+        let first_s = self.batch.times_s.first().copied();
+        first_s.map(|first_s| self.known_time_s(&time, first_s, 0)).transpose()
+    }
+
     /// Rows by the file's metadata.
     fn rows_in_file(&self) -> Result<u64, RecordError> {
         let mut rows = self.file.metadata().row_groups().iter().map(|group| u64::try_from(group.num_rows()).ok());

@@ -96,9 +96,9 @@ impl Statistics {
         }
     }
 
-    /// Takes a block in; `position` says where a row of the block (from 0) stands. Values beyond any sensor's
+    /// Takes a block in; `position` says where a row of the block stands, and of it a channel (both from 0). Values beyond any sensor's
     /// range, and infinite ones, count as missing, and are so in the block from then on.
-    pub(super) fn add(&mut self, block: &mut Block, position: impl Fn(usize) -> FilePosition) {
+    pub(super) fn add(&mut self, block: &mut Block, position: impl Fn(usize, usize) -> FilePosition) {
         self.sums.fill(0.0);
         self.squares.fill(0.0);
         for row in block.rows() {
@@ -124,10 +124,10 @@ impl Statistics {
                 let row_of_all = self.rows + row as u64;
                 if value.abs() > MOST {
                     channel.beyond += 1;
-                    channel.first_beyond.get_or_insert_with(|| (position(row), row_of_all, *value));
+                    channel.first_beyond.get_or_insert_with(|| (position(row, index), row_of_all, *value));
                     *value = f64::NAN;
                 }
-                channel.push(*value, row_of_all, || position(row));
+                channel.push(*value, row_of_all, || position(row, index));
             }
             if let (Some(pivot), Some(known)) = (self.pivots.get_mut(index), channel.pivot) {
                 *pivot = known;

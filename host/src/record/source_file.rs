@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 
 use super::array::ArrayReader;
 use super::channels::ChannelReader;
-use super::clock::Clock;
+use super::clock::{Clock, UNIX_S};
 use super::columns::Columns;
 use super::error::RecordError;
 use super::hdf5::recording::Hdf5Recording;
@@ -17,7 +17,7 @@ use super::row_reader::RowReader;
 use super::text::TextReader;
 use super::traces::Traces;
 use super::uff::UffReader;
-use super::{mat, mseed, npy, sac, tdms, wav};
+use super::{mat, mseed, npy, sac, tdms, udbf, wav};
 use crate::study::Setup;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -25,6 +25,7 @@ enum Format {
     WhiteSpace,
     Csv,
     Toa5,
+    Udbf,
     Npy,
     Mat,
     Hdf5,
@@ -67,7 +68,7 @@ impl SourceFile {
     }
 
     fn has_traces(&self) -> bool {
-        matches!(self.format, Format::Sac | Format::MiniSeed)
+        matches!(self.format, Format::Sac | Format::MiniSeed | Format::Udbf)
     }
 
     fn traces(&self, setup: &Setup) -> Result<ChannelReader, RecordError> {
@@ -75,7 +76,8 @@ impl SourceFile {
         for path in std::iter::once(&self.path).chain(&self.beside) {
             match format_of(path) {
                 Some(Format::Sac) => sac::add(path, &mut traces)?,
-                _ => mseed::add(path, &mut traces)?,
+                Some(Format::MiniSeed) => mseed::add(path, &mut traces)?,
+                _ => udbf::add(path, &mut traces)?,
             }
         }
         traces.reader(setup)
@@ -84,6 +86,7 @@ impl SourceFile {
     fn new(path: PathBuf) -> Result<Self, RecordError> {
         let format = match format_of(&path) {
             Some(Format::WhiteSpace | Format::Csv) if is_toa5(&path) => Format::Toa5,
+            Some(Format::WhiteSpace) if udbf::is_udbf(&path) => Format::Udbf,
             Some(format) => format,
             None => return Err(RecordError::UnknownEnding { file: path }),
         };
@@ -92,12 +95,15 @@ impl SourceFile {
 
     /// Each channel's rate and unit, and when the first row was, where the format has a place for it.
     pub(super) fn said(&self, setup: &Setup) -> Result<Said, RecordError> {
+        let of_units = |units: Vec<Option<String>>| units.into_iter().map(|unit| (None, unit)).collect();
+        // To the microsecond: at these times a float has a quarter of one.
+        let ns = |seconds: f64| (1e6 * seconds).round() as i64 * 1000;
         let of_channels = |reader: ChannelReader| Said { channels: reader.said(), start_ns: reader.start_ns() };
         Ok(match self.format {
             Format::Hdf5 => Said { channels: Hdf5Recording::open(&self.path, setup)?.said(), start_ns: None },
             Format::Wav => of_channels(wav::open(&self.path, setup)?),
             Format::Tdms => of_channels(tdms::open(&self.path, setup)?),
-            Format::Sac | Format::MiniSeed => of_channels(self.traces(setup)?),
+            Format::Sac | Format::MiniSeed | Format::Udbf => of_channels(self.traces(setup)?),
             Format::Uff => {
                 let reader = UffReader::open(&self.path, setup)?;
                 let rates = reader.rates_hz().into_iter().map(Some);
@@ -105,15 +111,21 @@ impl SourceFile {
                 Said { channels: rates.zip(units).collect(), start_ns: None }
             }
             Format::Toa5 => {
-                let first_s = TextReader::open_toa5(&self.path, &setup.sensors)?.first_stamp_s()?;
+                let reader = TextReader::open_toa5(&self.path, &setup.sensors)?;
+                let (channels, first_s) = (of_units(reader.units()), reader.first_time_s()?);
                 let ahead_s = setup.utc_offset_h.map(|ahead_h| 3600.0 * ahead_h);
-                // To the millisecond, which the stamp has.
-                let ns = first_s
-                    .zip(ahead_s)
-                    .map(|(first_s, ahead_s)| (1e3 * (first_s - ahead_s)).round() as i64 * 1_000_000);
-                Said { channels: Vec::new(), start_ns: ns }
+                Said { channels, start_ns: first_s.zip(ahead_s).map(|(first_s, ahead_s)| ns(first_s - ahead_s)) }
             }
-            Format::WhiteSpace | Format::Csv | Format::Npy | Format::Mat | Format::Parquet => Said::default(),
+            Format::Csv => {
+                let reader = TextReader::open_csv(&self.path, &setup.sensors)?;
+                let (channels, first_s) = (of_units(reader.units()), reader.first_time_s()?);
+                Said { channels, start_ns: first_s.filter(|first_s| UNIX_S.contains(first_s)).map(ns) }
+            }
+            Format::Parquet => {
+                let first_s = ParquetReader::open(&self.path, &setup.sensors)?.first_time_s()?;
+                Said { channels: Vec::new(), start_ns: first_s.filter(|first_s| UNIX_S.contains(first_s)).map(ns) }
+            }
+            Format::WhiteSpace | Format::Npy | Format::Mat => Said::default(),
         })
     }
 
@@ -133,7 +145,7 @@ impl SourceFile {
             Format::Hdf5 => Ok(Hdf5Recording::open(&self.path, setup)?.columns()),
             Format::Wav => Ok(wav::open(&self.path, setup)?.columns()),
             Format::Tdms => Ok(tdms::open(&self.path, setup)?.columns()),
-            Format::Sac | Format::MiniSeed => Ok(self.traces(setup)?.columns()),
+            Format::Sac | Format::MiniSeed | Format::Udbf => Ok(self.traces(setup)?.columns()),
             Format::Parquet => ParquetReader::open(&self.path, &setup.sensors)?.inspect(setup.sampling_rate_hz),
             Format::Uff => Ok(UffReader::open(&self.path, setup)?.columns()),
         }
@@ -149,7 +161,7 @@ impl SourceFile {
             Format::Hdf5 => Hdf5Recording::open(&self.path, setup)?.reader(setup)?,
             Format::Wav => Box::new(wav::open(&self.path, setup)?),
             Format::Tdms => Box::new(tdms::open(&self.path, setup)?),
-            Format::Sac | Format::MiniSeed => Box::new(self.traces(setup)?),
+            Format::Sac | Format::MiniSeed | Format::Udbf => Box::new(self.traces(setup)?),
             Format::Parquet => Box::new(ParquetReader::open(&self.path, &setup.sensors)?),
             Format::Uff => Box::new(UffReader::open(&self.path, setup)?),
         })
@@ -170,7 +182,7 @@ impl SourceFile {
             Format::Hdf5 => Ok(Hdf5Recording::open(&self.path, setup)?.rows()),
             Format::Wav => Ok(wav::open(&self.path, setup)?.rows()),
             Format::Tdms => Ok(tdms::open(&self.path, setup)?.rows()),
-            Format::Sac | Format::MiniSeed => Ok(self.traces(setup)?.rows()),
+            Format::Sac | Format::MiniSeed | Format::Udbf => Ok(self.traces(setup)?.rows()),
             Format::Parquet => ParquetReader::open(&self.path, &setup.sensors)?.count_rows(clock),
             Format::Uff => Ok(UffReader::open(&self.path, setup)?.rows()),
         }
@@ -187,6 +199,7 @@ fn format_of(path: &Path) -> Option<Format> {
         "mat" => Format::Mat,
         "h5" | "hdf5" | "hdf" => Format::Hdf5,
         "parquet" => Format::Parquet,
+        "udbf" => Format::Udbf,
         "uff" | "unv" => Format::Uff,
         "wav" | "rf64" => Format::Wav,
         "sac" => Format::Sac,

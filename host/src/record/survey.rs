@@ -180,6 +180,26 @@ mod tests {
     }
 
     #[test]
+    fn loggers_say_units_and_when_they_began() {
+        let one = &look(&["gantner.dat"])[0];
+        assert_eq!((one.rate_hz, one.rows, one.channels[5].name.as_str()), (Some(1000.0), 500, "TC1"));
+        assert_eq!(one.channels[5].unit_as_written.as_deref(), Some("°C"));
+        let one = &look(&["udbf_little.dat"])[0];
+        assert_eq!((names(one), one.rate_hz, one.rows), (vec!["top-x", "top-y"], Some(50.0), 300));
+        assert_eq!(one.channels[0].unit, Some("m/s2"));
+        assert_eq!(one.start_utc.as_deref(), Some("2026-03-01T12:00:00.250Z"));
+        let folder = tempfile::tempdir().unwrap();
+        let table = folder.path().join("a.csv");
+        std::fs::write(&table, "time,x\ns,g\n1772366400.25,1\n1772366400.27,2\n1772366400.29,3\n").unwrap();
+        let one = &survey(vec![table]).unwrap()[0];
+        assert_eq!(
+            (one.rate_hz.map(f64::round), one.start_utc.as_deref()),
+            (Some(50.0), Some("2026-03-01T12:00:00.250Z"))
+        );
+        assert_eq!(one.channels[0].unit, Some("g"));
+    }
+
+    #[test]
     fn a_time_column_says_the_rate_and_is_no_channel() {
         let table = &look(&["pyarrow_gzip.parquet"])[0];
         assert_eq!(table.rate_hz, Some(50.0));

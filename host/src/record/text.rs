@@ -10,6 +10,7 @@ use super::columns::{Columns, Selection, is_time_column};
 use super::error::{At, FilePosition, RecordError, quoted};
 use super::lines::Lines;
 use super::number::parse_number;
+use super::preamble::{preamble, words};
 use super::row_reader::{RowReader, Rows};
 use super::stamp;
 use crate::study::Sensor;
@@ -43,6 +44,7 @@ pub(super) struct TextReader {
     separator: Separator,
     /// The header's names; `None` before the first row of a file without a header, whose width is then `width`.
     names: Option<Vec<String>>,
+    units: Vec<String>,
     width: usize,
     time: Option<TimeColumn>,
     cells: Vec<(usize, usize)>,
@@ -64,22 +66,19 @@ impl TextReader {
         Ok(Self::new(Lines::open(path, b"#%")?, Separator::WhiteSpace))
     }
 
-    /// Opens a CSV file and reads its header; lines that start with # are comments. Cells are separated by what the
-    /// header has most of: comma, semicolon or tabulator. A time column that no sensor claims is noted.
+    /// Opens a CSV file and reads its header ([`preamble`]); lines that start with # are comments. Cells are separated by comma, semicolon or
+    /// tabulator. A time column that no sensor claims is noted.
     pub(super) fn open_csv(path: &Path, sensors: &[Sensor]) -> Result<Self, RecordError> {
-        let mut lines = Lines::open(path, b"#")?;
-        loop {
-            if !lines.advance()? {
-                return Err(RecordError::Empty { file: path.to_owned() });
-            }
-            if !lines.line().trim_ascii().is_empty() {
-                break;
-            }
+        let preamble = preamble(path)?;
+        let mut reader = Self::new(Lines::open(path, b"#")?, Separator::Byte(preamble.separator));
+        for _ in 0..=preamble.lines_before {
+            reader.lines.advance()?;
         }
-        let count = |separator: u8| lines.line().iter().filter(|byte| **byte == separator).count();
-        let separator = [b'\t', b';', b','].into_iter().max_by_key(|separator| count(*separator)).unwrap_or(b',');
-        let mut reader = Self::new(lines, Separator::Byte(separator));
         reader.take_names(sensors)?;
+        if preamble.has_units {
+            while reader.lines.advance()? && reader.lines.line().trim_ascii().is_empty() {}
+            reader.take_units()?;
+        }
         Ok(reader)
     }
 
@@ -90,8 +89,10 @@ impl TextReader {
             if !reader.lines.advance()? {
                 return Err(RecordError::Empty { file: path.to_owned() });
             }
-            if line == 2 {
-                reader.take_names(sensors)?;
+            match line {
+                2 => reader.take_names(sensors)?,
+                3 => reader.take_units()?,
+                _ => {}
             }
         }
         if let Some(time) = &mut reader.time {
@@ -103,8 +104,7 @@ impl TextReader {
     /// Takes the line reached for the names of columns.
     fn take_names(&mut self, sensors: &[Sensor]) -> Result<(), RecordError> {
         self.split()?;
-        let names: Vec<String> =
-            (0..self.cell_count()).map(|cell| String::from_utf8_lossy(self.cell(cell)).into_owned()).collect();
+        let names: Vec<String> = (0..self.cell_count()).map(|cell| words(self.cell(cell))).collect();
         self.width = names.len();
         self.time = names
             .iter()
@@ -114,9 +114,21 @@ impl TextReader {
         Ok(())
     }
 
-    /// The time of the first row, in s since 1970 by the logger's clock, where its times are of the calendar.
-    pub(super) fn first_stamp_s(mut self) -> Result<Option<f64>, RecordError> {
-        let Some(time) = self.time.clone().filter(|time| time.is_stamp) else { return Ok(None) };
+    /// Takes the line reached for the units of columns.
+    fn take_units(&mut self) -> Result<(), RecordError> {
+        self.split()?;
+        self.units = (0..self.cell_count()).map(|cell| words(self.cell(cell))).collect();
+        Ok(())
+    }
+
+    /// The units that the header has, in the columns' order; empty where it has none.
+    pub(super) fn units(&self) -> Vec<Option<String>> {
+        self.units.iter().map(|unit| Some(unit.clone()).filter(|unit| !unit.is_empty())).collect()
+    }
+
+    /// The time of the first row in s, where there is a column of times: since 1970 by the logger's clock where they are of the calendar.
+    pub(super) fn first_time_s(mut self) -> Result<Option<f64>, RecordError> {
+        let Some(time) = self.time.clone() else { return Ok(None) };
         while self.lines.advance()? {
             if !self.lines.line().trim_ascii().is_empty() {
                 self.split()?;
@@ -131,6 +143,7 @@ impl TextReader {
             lines,
             separator,
             names: None,
+            units: Vec::new(),
             width: 0,
             time: None,
             cells: Vec::new(),

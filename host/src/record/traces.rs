@@ -1,4 +1,4 @@
-//! Traces with times of their own, as SAC and miniSEED files hold them, on one grid of rows: pieces of any files flow in, channels flow out.
+//! Traces with times of their own, as SAC, miniSEED and UDBF files hold them, on one grid of rows: pieces of any files flow in, channels flow out.
 //!
 //! Times are in nanoseconds since 1970 (UTC, as the files have them). Pieces that follow each other within half a sample are one stretch, so
 //! that a logger whose rate is off by some ppm leaves no gaps; what is missing between others are rows without samples.
@@ -33,6 +33,7 @@ pub(super) struct Piece {
 pub(super) struct Traces {
     pub(super) sources: Vec<(PathBuf, Source)>,
     names: Vec<String>,
+    units: Vec<Option<String>>,
     known: HashMap<String, usize>,
     pieces: Vec<Piece>,
 }
@@ -44,8 +45,16 @@ impl Traces {
             return *known;
         }
         self.names.push(name.to_owned());
+        self.units.push(None);
         self.known.insert(name.to_owned(), self.names.len() - 1);
         self.names.len() - 1
+    }
+
+    /// The file's word for a trace's unit.
+    pub(super) fn set_unit(&mut self, name: usize, unit: &str) {
+        if let Some(place) = self.units.get_mut(name) {
+            *place = Some(unit.to_owned());
+        }
     }
 
     pub(super) fn push(&mut self, piece: Piece) {
@@ -73,12 +82,13 @@ impl Traces {
         let mut channels: Vec<Channel> = self
             .names
             .iter()
-            .map(|name| Channel {
+            .zip(&self.units)
+            .map(|(name, unit)| Channel {
                 name: name.clone(),
                 rate_hz: None,
                 scale: [1.0, 0.0],
                 stretches: Vec::new(),
-                unit: None,
+                unit: unit.clone(),
             })
             .collect();
         // When the sample behind each channel's last is due, and how many rows its clock is ahead of the grid.

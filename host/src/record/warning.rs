@@ -1,6 +1,7 @@
 //! What a user should know of a recording before trusting it, in sentences.
 
 use std::fmt;
+use std::path::PathBuf;
 
 use super::error::FilePosition;
 use crate::numbers::counted;
@@ -74,6 +75,10 @@ pub enum RecordWarning {
     Impossible { channels: Affected, samples: u64, value: f64, first: FilePosition, first_s: f64 },
     /// More than half of the samples of these channels are missing.
     MostlyMissing { channels: Affected, percent: f64 },
+    /// A logger's rows lie between those of the others.
+    Offset { file: PathBuf, late_ms: f64, degrees_at_1_hz: f64 },
+    /// By their columns of times, the clocks of two loggers run apart.
+    ClocksApart { file: PathBuf, other: PathBuf, rows: f64 },
     /// These channels do not move at all.
     Constant { channels: Affected, value: f64 },
 }
@@ -129,6 +134,21 @@ impl fmt::Display for RecordWarning {
                     "{channels}: {percent:.1} % of the samples{of_each} are missing; consider leaving {sensors} out of the setup"
                 )
             }
+            Self::Offset { file, late_ms, degrees_at_1_hz } => {
+                let (off, side) = (late_ms.abs(), if *late_ms > 0.0 { "later" } else { "earlier" });
+                write!(
+                    formatter,
+                    "{}: its samples are {off:.2} ms {side} than those of the setup's first logger, less than a row: its phases are off by {:.2}° at 1 Hz, and more above",
+                    file.display(),
+                    degrees_at_1_hz.abs()
+                )
+            }
+            Self::ClocksApart { file, other, rows } => write!(
+                formatter,
+                "{}: its clock and that of {} run apart by {rows:.1} rows to the end; make setups of shorter parts, or let the loggers share a clock",
+                file.display(),
+                other.display()
+            ),
             Self::Constant { channels, value } => write!(
                 formatter,
                 "{channels} {}: every sample is {value}; check {}, or leave {} out of the setup",

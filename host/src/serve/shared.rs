@@ -231,7 +231,14 @@ pub(super) enum RunError {
     Start(std::io::Error),
 }
 
+/// Ends a process of this program. Windows has no signal that it could answer, so that it ends at once there; what it has written stands.
+#[cfg(not(unix))]
+fn end_process(id: u32) {
+    let _ = std::process::Command::new("taskkill").args(["/F", "/T", "/PID", &id.to_string()]).output();
+}
+
 /// Asks a process of this program to end.
+#[cfg(unix)]
 fn end_process(id: u32) {
     if let Some(process) = i32::try_from(id).ok().and_then(rustix::process::Pid::from_raw) {
         // One that has ended meanwhile needs no signal.

@@ -264,6 +264,14 @@ pub fn tdms(bytes: &[u8]) {
     record("tdms", bytes);
 }
 
+/// A recording as a UDBF file.
+///
+/// # Panics
+/// As [`white_space`].
+pub fn udbf(bytes: &[u8]) {
+    record("udbf", bytes);
+}
+
 /// A model's matrices as Nastran's DMIG, and as Abaqus' lines of nodes.
 ///
 /// # Panics

@@ -10,8 +10,8 @@ mod node;
 mod tests;
 
 pub use file::{
-    beam, dmig, hdf5, layout, mat, mat_matrix, mseed, mtx, npy, npy_matrix, parquet, sac, study, table, tdms, uff, wav,
-    white_space,
+    beam, dmig, hdf5, layout, mat, mat_matrix, mseed, mtx, npy, npy_matrix, parquet, sac, study, table, tdms, udbf,
+    uff, wav, white_space,
 };
 pub use frame::{frame, message};
 pub use host::host;
@@ -21,7 +21,7 @@ pub use node::node;
 pub type Target = fn(&[u8]);
 
 /// All targets by name. `fuzz/corpus` has a folder for each.
-pub const TARGETS: [(&str, Target); 22] = [
+pub const TARGETS: [(&str, Target); 23] = [
     ("frame", frame),
     ("message", message),
     ("node", node),
@@ -43,5 +43,6 @@ pub const TARGETS: [(&str, Target); 22] = [
     ("sac", sac),
     ("mseed", mseed),
     ("tdms", tdms),
+    ("udbf", udbf),
     ("dmig", dmig),
 ];

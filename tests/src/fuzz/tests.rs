@@ -85,5 +85,5 @@ macro_rules! tests {
 }
 
 tests! {
-    frame message node host study beam layout mtx npy_matrix mat_matrix white_space table npy mat parquet uff hdf5 wav sac mseed tdms dmig
+    frame message node host study beam layout mtx npy_matrix mat_matrix white_space table npy mat parquet uff hdf5 wav sac mseed tdms udbf dmig
 }

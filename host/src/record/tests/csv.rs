@@ -201,3 +201,31 @@ fn toa5_of_campbell_goes_by_its_times_of_day() {
         let _ = read(&setup(&["acc_x"], &["a.dat"]), folder(&[("a.dat", &text.as_bytes()[..length])]).path());
     }
 }
+
+/// As DIAdem writes CSV, after its manual: what the measurement was, then names, units in a line of their own, and rows.
+#[test]
+fn names_stand_behind_what_the_measurement_was_and_before_units() {
+    let rows = [vec![0.5, -1.0], vec![0.25, 2.0], vec![-0.125, 3.5]];
+    let numbers = "0;0.5;-1\n0.02;0.25;2\n0.04;-0.125;3.5\n";
+    let two = setup(&["top x", "top y"], &["a.csv"]);
+    for head in [
+        "Time;top x;top y\ns;m/s^2;m/s^2\n",
+        "Time;top x;top y\n[s];[m/s²];\n",
+        "\"Time\";\"top x\";\"top y\"\n\"s\";\"g\";\"g\"\n",
+        "Test;Mast\nDate;01.03.2026\nOperator;nobody;\n\nTime;top x;top y\ns;m/s^2;m/s^2\n",
+        "a mast in the wind\nTime;top x;top y\n",
+        "# a comment\nTime;top x;top y\n",
+    ] {
+        assert_eq!(rows_of(&two, "a.csv", format!("{head}{numbers}").as_bytes()), rows, "{head}");
+    }
+    // Of Latin-1, as programs of Windows write it.
+    let latin = [b"Zeit;H\xf6he x;top y\ns;m/s\xb2;m/s\xb2\n".as_slice(), numbers.as_bytes()].concat();
+    assert_eq!(rows_of(&setup(&["Höhe x", "top y"], &["a.csv"]), "a.csv", &latin), rows);
+    // Samples that are none are no units, and words in them no names.
+    for (text, line) in
+        [("a,b\n-,-\n1,2\n", 2), ("a,b\n1,x\n2,3\n", 2), ("a,b\nbad,bad\n1,2\n", 2), ("a,b\n1,2\n3,s\n", 3)]
+    {
+        let place = format!("a.csv, line {line}");
+        expect_error(&setup(&["a", "b"], &["a.csv"]), &[("a.csv", text.as_bytes())], &[&place, "is not a number"]);
+    }
+}

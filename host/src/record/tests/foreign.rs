@@ -122,6 +122,56 @@ fn tdms_in_segments_in_turn_and_raw_is_the_same_recording() {
     expect_error(&one, &[("a.tdms", &thermistor)], &["a.tdms: channel `run 1/top-x`", "`Wobbly`", "export it scaled"]);
 }
 
+#[test]
+fn udbf_of_a_gantner_logger_and_after_its_layout_is_read() {
+    let names = [
+        "GeneratorOutput",
+        "GeneratedSinus",
+        "Test_Running",
+        "TotalTestNumber",
+        "TestNumber",
+        "TC1",
+        "TC2",
+        "TC3",
+        "TC4",
+    ];
+    let of_logger = Setup { sampling_rate_hz: 1000.0, ..setup(&names, &["gantner.dat"]) };
+    let numbers = setup(&["1", "2", "3", "4", "5", "6", "7", "8", "9"], &["gantner.npy"]);
+    assert_eq!(read(&of_logger, foreign()).unwrap().0, read(&numbers, foreign()).unwrap().0);
+    // By the device's clock, in nanoseconds since 2000.
+    let start_ns = Recording::open(&of_logger, foreign()).unwrap().start_ns().unwrap();
+    assert_eq!(start_ns, Some(946_684_800_000_000_000 + 570_130_526_677_000_135));
+    for file in ["udbf_little.dat", "udbf_big.dat"] {
+        assert_eq!(rows(&["top-x", "top-y"], &[file]), same(), "{file}");
+        let other = Setup { sampling_rate_hz: 25.0, ..setup(&["top-x"], &[file]) };
+        let error = read(&other, foreign()).unwrap_err().to_string();
+        assert!(error.contains(&format!("{file}, channel `top-x`: sampled at 50.0000 Hz")), "{error}");
+    }
+    for (row, (found, expected)) in rows(&["top-x", "top-y"], &["udbf_gap.dat"]).iter().zip(same()).enumerate() {
+        assert!(if (120..150).contains(&row) { found[1].is_nan() } else { *found == expected }, "row {row}");
+    }
+    // Two loggers: the second began ten samples and a fifth later.
+    let both = rows(&["top-y", "top-x"], &["udbf_one.dat", "udbf_two.dat"]);
+    assert_eq!(both.len(), 300);
+    for (row, (found, expected)) in both.iter().zip(same()).enumerate() {
+        assert_eq!(found[1], expected[0]);
+        assert!(if (10..250).contains(&row) { found[0] == expected[1] } else { found[0].is_nan() }, "row {row}");
+    }
+    let whole = std::fs::read(foreign().join("udbf_little.dat")).unwrap();
+    let one = setup(&["top-x"], &["a.dat"]);
+    let changed = |place: usize, byte: u8| {
+        let mut changed = whole.clone();
+        changed[place] = byte;
+        changed
+    };
+    expect_error(&one, &[("a.dat", &changed(1, 106))], &["a.dat: UDBF of version 1.06", "export it"]);
+    expect_error(&one, &[("a.dat", &changed(0x30, 1))], &["a.dat", "checksum"]);
+    // The time of the last row, a century before.
+    let last = whole.len() - 20;
+    expect_error(&one, &[("a.dat", &changed(last + 7, 0))], &["a.dat: the time of row 300 is not after that of row 1"]);
+    expect_error(&one, &[("a.dat", &whole[..160])], &["a.dat"]);
+}
+
 /// Files cut at every length, and with bytes changed: rows, or an error that names the file.
 #[test]
 fn damaged_files_end_in_rows_or_in_an_error() {
@@ -139,6 +189,8 @@ fn damaged_files_end_in_rows_or_in_an_error() {
         ("nptdms.tdms", ["top-x", "top-y"]),
         ("interleaved.tdms", ["top-x", "top-y"]),
         ("daqmx.tdms", ["top-x", "top-y"]),
+        ("udbf_big.dat", ["top-x", "top-y"]),
+        ("udbf_gap.dat", ["top-x", "top-y"]),
     ] {
         let whole = std::fs::read(foreign().join(name)).unwrap();
         let setup = setup(&channels, &[name]);

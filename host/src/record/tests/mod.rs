@@ -4,6 +4,7 @@ mod arrays;
 mod csv;
 mod foreign;
 mod hdf5;
+mod lanes;
 mod matlab;
 mod parquet;
 mod properties;

@@ -103,14 +103,15 @@ impl<const N: u8> Device<N> {
     }
 
     /// Takes what a transfer that was given up has left in the receiver: it would answer the next one's first byte, and put all off by one. Reading
-    /// the data and then the status also ends an overrun (RM0390, 26.3.10).
+    /// the data and then the status also ends an overrun (RM0390, "SPI error flags"); the HAL's own read leaves the data alone while there is one.
     fn drain(&mut self) {
-        // SAFETY: as in `exchange`.
-        let spi = unsafe { &mut *self.wires.0.get() };
         // What is still on the wires takes as long as a byte.
         Delay.delay_us(2 * 8 / CLOCK_MHZ + 1);
+        // SAFETY: no other device is in a transaction, as the type says, and only these two registers are read.
+        let registers = unsafe { &*SPI2::ptr() };
         for _ in 0..2 {
-            let _ = spi.read_nonblocking();
+            let _ = registers.dr().read().bits();
+            let _ = registers.sr().read().bits();
         }
     }
 
