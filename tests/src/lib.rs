@@ -7,10 +7,13 @@ pub mod cable;
 pub mod campaign;
 mod canton;
 pub mod clock;
+#[cfg(unix)]
+pub mod fleet;
 mod footbridge;
 pub mod fuzz;
 #[cfg(unix)]
 pub mod live;
+pub mod nats;
 mod npy;
 pub mod records;
 pub mod schema;
