@@ -24,8 +24,8 @@ fn stored(bench: &LiveBench) -> Vec<([u32; 3], i64)> {
     let mut statement = archive.prepare("SELECT node, boot, number, start_us FROM window ORDER BY id").unwrap();
     let rows =
         statement.query_map([], |row| Ok(([row.get(0)?, row.get(1)?, row.get(2)?], row.get::<_, i64>(3)?))).unwrap();
-    // Half a segment of 256 rows, at 1000 rows a second.
-    rows.map(Result::unwrap).map(|(name, start_us)| (name, start_us + 128_000)).collect()
+    // Half a segment of 256 samples, at 500 a second.
+    rows.map(Result::unwrap).map(|(name, start_us)| (name, start_us + 256_000)).collect()
 }
 
 /// The names of windows in the stream, in its order.
