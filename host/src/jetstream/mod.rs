@@ -2,7 +2,7 @@
 //!
 //! A [`Gateway`] runs beside a collection and publishes what the archive has, in its order, each window once. A structure is added with its
 //! study ([`add`]); then [`work`] finds it. What a worker publishes is decided by what stands in the stream alone, in its order, and each result says
-//! where the next begins, so that whoever takes a structure over gets the same ([`Ledger`](ledger::Ledger)). The protocol is written down in `docs/fleet.md`.
+//! where the next begins, so that whoever takes a structure over gets the same. The protocol is written down in `docs/fleet.md`.
 
 mod bundle;
 mod error;
