@@ -40,6 +40,8 @@ fn main() {
     allow("tracer", is_there("BELFRY_TRACER", "strace"));
     println!("cargo::rerun-if-env-changed=BELFRY_CALCULIX");
     allow("calculix", is_there("BELFRY_CALCULIX", "ccx"));
+    println!("cargo::rerun-if-env-changed=BELFRY_NATS");
+    allow("nats", is_there("BELFRY_NATS", "nats-server"));
     // `./test --all` says so: the script installs OpenSees for itself, which takes a network.
     println!("cargo::rerun-if-env-changed=BELFRY_OPENSEES");
     allow("opensees", env::var_os("BELFRY_OPENSEES").is_some_and(|word| word == "yes"));

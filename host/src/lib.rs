@@ -9,7 +9,7 @@
 //! another tool's. [`change`] compares two measurements of one structure. [`compare`] holds a [`model`] against them, [`update`] changes its stiffness matrix until they agree,
 //! [`covalidate`] predicts sensors that it was not shown, and [`diagnose`] says which physical effect it lacks. [`plan`] says before
 //! a measurement what it will show.
-//! [`results`] is the folder that all of this is written to, [`picture`] draws it, [`page`] shows it all and [`serve`] serves that page, [`export`] writes it for other tools.
+//! [`results`] is the folder that all of this is written to, [`picture`] draws it, [`page`] shows it all and [`serve`] serves that page, [`export`] writes it for other tools. [`jetstream`] does the same for thousands of structures.
 //! [`simulate`] goes the other way and makes recordings of a structure whose truth is known. [`files`] writes files whole
 //! or not at all, [`progress`] says how far long work is, and [`table`] reads small CSV tables. [`command`] holds a file for each subcommand of the `belfry` program; nothing else prints.
 
@@ -28,6 +28,7 @@ pub mod files;
 pub mod fleet;
 pub mod heartbeats;
 pub mod identify;
+pub mod jetstream;
 pub mod keys;
 pub mod link;
 pub mod measure;

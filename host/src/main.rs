@@ -5,7 +5,7 @@ use std::process::ExitCode;
 use belfry_host::command::{
     Console, add, archive, calibrate, change, collect, compare, completions, covalidate, demo, diagnose, effects,
     export, history, identify, init, key, look, man, plan, ports, profile, remove, replay, report, serve, simulate,
-    update, watch,
+    update, watch, work,
 };
 use clap::{CommandFactory, Parser, Subcommand};
 
@@ -55,6 +55,7 @@ enum Command {
     Diagnose(diagnose::Arguments),
     Change(change::Arguments),
     Watch(watch::Arguments),
+    Work(work::Arguments),
     Profile(profile::Arguments),
     Add(add::Arguments),
     Remove(remove::Arguments),
@@ -89,6 +90,7 @@ fn main() -> ExitCode {
         Command::Diagnose(arguments) => diagnose::run(arguments, &console),
         Command::Change(arguments) => change::run(arguments, &console),
         Command::Watch(arguments) => watch::run(arguments, &console),
+        Command::Work(arguments) => work::run(arguments, &console),
         Command::Profile(arguments) => profile::run(arguments, &console),
         Command::Add(arguments) => add::run(arguments, &console),
         Command::Remove(arguments) => remove::run(arguments, &console),

@@ -21,6 +21,8 @@ use belfry_shared::time::HostTime;
 pub const BYTES_A_DAY: u64 = 20_000_000;
 /// What a range is measured over, in days; the first is everything.
 const RANGES_DAYS: [Option<u64>; 3] = [None, Some(7), Some(1)];
+/// Seconds of a day.
+const DAY_S: f64 = 86_400.0;
 /// In hops of 492 s since the Unix epoch: 2026-01-27.
 const FIRST_START: u64 = 3_600_000;
 /// Each is measured so often, in turn; the quickest counts.
@@ -78,7 +80,7 @@ pub fn run(days: u64, seed: u64, folder: &Path) -> Result<ArchiveReport, String>
     fs::write(folder.join("beam.csv"), template::CANTON_BEAM).map_err(told)?;
     let mut study = Study::load(folder).map_err(told)?;
     let setup = study.setups.first().ok_or("the built-in study has no setup")?.clone();
-    let day = a_day(&study, &setup, seed)?;
+    let day = simulated(&study, &setup, seed, DAY_S)?;
     let mut archive = Archive::create(folder).map_err(told)?;
     let mut asked: Vec<(u16, Configuration)> = Vec::new();
     for (node, channels) in channels_by_node(&setup) {
@@ -127,32 +129,32 @@ pub fn run(days: u64, seed: u64, folder: &Path) -> Result<ArchiveReport, String>
     Ok(ArchiveReport { windows, days: days_long, bytes, ranges })
 }
 
-fn told(error: impl fmt::Display) -> String {
+pub(crate) fn told(error: impl fmt::Display) -> String {
     error.to_string()
 }
 
-/// A day of nodes' windows.
-struct Day {
+/// A while of nodes' windows.
+pub(crate) struct Simulated {
     plan: SpectralPlan,
     options: FleetOptions,
-    windows: Vec<NodeWindow>,
+    pub(crate) windows: Vec<NodeWindow>,
 }
 
-impl Day {
-    fn configuration(&self, setup: &Setup, channels: usize) -> Result<Configuration, String> {
+impl Simulated {
+    pub(crate) fn configuration(&self, setup: &Setup, channels: usize) -> Result<Configuration, String> {
         let decimation = *self.plan.decimations.first().ok_or("no plan")?;
         node_configuration(setup.sampling_rate_hz, decimation, &self.plan.grid, channels, self.options.summary)
             .ok_or_else(|| "the nodes cannot be told these settings".to_owned())
     }
 }
 
-/// Plays a day of the simulated tower to nodes with crystals of their own.
-fn a_day(study: &Study, setup: &Setup, seed: u64) -> Result<Day, String> {
+/// Plays the simulated tower to nodes with crystals of their own.
+pub(crate) fn simulated(study: &Study, setup: &Setup, seed: u64, seconds: f64) -> Result<Simulated, String> {
     let beam = BeamTable::from_reader(template::CANTON_BEAM.as_bytes(), Path::new("beam.csv")).map_err(told)?;
     let mut simulation =
         Simulation::of_beam(beam, &[], setup, &Options { seed, ..Options::default() }).map_err(told)?;
     let (sampling_rate_hz, channels) = (setup.sampling_rate_hz, setup.sensors.len());
-    let rows = (86_400.0 * sampling_rate_hz) as u64;
+    let rows = (seconds * sampling_rate_hz) as u64;
     let extent = SetupExtent { sampling_rate_hz, rows, channels, block_rows: None };
     let plan = SpectralPlan::choose(&[extent], &study.analysis).map_err(told)?;
     let decimation = *plan.decimations.first().ok_or("no plan")?;
@@ -167,5 +169,5 @@ fn a_day(study: &Study, setup: &Setup, seed: u64) -> Result<Day, String> {
         fleet.push(&block, &mut |_| {}).map_err(told)?;
     }
     fleet.finish(&mut |_| {}).map_err(told)?;
-    Ok(Day { plan, options, windows: windows.iter().collect() })
+    Ok(Simulated { plan, options, windows: windows.iter().collect() })
 }

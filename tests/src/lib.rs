@@ -7,11 +7,14 @@ pub mod cable;
 pub mod campaign;
 mod canton;
 pub mod clock;
+#[cfg(unix)]
+pub mod fleet;
 mod footbridge;
 mod frames;
 pub mod fuzz;
 #[cfg(unix)]
 pub mod live;
+pub mod nats;
 mod npy;
 pub mod records;
 pub mod schema;

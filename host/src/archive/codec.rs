@@ -3,11 +3,12 @@
 use belfry_shared::message::{ChannelState, Peak};
 use belfry_shared::quantise::{BLOCK_LINES, MAX_BITS, MIN_BITS, decode_lines, encode_decoded_lines, encoded_bytes};
 use num_complex::Complex32;
+use serde::{Deserialize, Serialize};
 
 use crate::window::ChannelData;
 
 /// What stands in a row of the table `channel`.
-#[derive(Debug, Default)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct ChannelRow {
     pub(super) state: String,
     pub(super) segments: Option<u16>,

@@ -17,6 +17,7 @@ mod health;
 mod loss;
 mod mend;
 mod migrate;
+mod packed;
 mod prune;
 mod range;
 mod read;
@@ -38,6 +39,7 @@ pub use error::ArchiveError;
 pub use extract::Extract;
 pub use health::NodeHealth;
 pub use loss::{DamagedHour, ListedLoss};
+pub use packed::{Following, PackedError, PackedWindow};
 pub use prune::{PruneReport, PrunedNode};
 pub(crate) use range::moment;
 pub use range::{TimeRange, parse_moment};
@@ -77,6 +79,17 @@ impl Archive {
     /// [`ArchiveError`]; a file that is something else stays as it is.
     pub fn create(folder: &Path) -> Result<Self, ArchiveError> {
         Self::create_file(folder.join(ARCHIVE_FILE), lock(folder)?)
+    }
+
+    /// Makes an archive for the moment, whose windows stand elsewhere as well: none waits for the disk.
+    ///
+    /// # Errors
+    /// [`ArchiveError`].
+    pub(crate) fn create_passing(folder: &Path) -> Result<Self, ArchiveError> {
+        let archive = Self::create(folder)?;
+        let unsafely = archive.connection.pragma_update(None, "synchronous", "off");
+        unsafely.map_err(|source| archive.failed(source))?;
+        Ok(archive)
     }
 
     /// The same of a file of any name.

@@ -13,12 +13,14 @@ use clap::Args;
 
 use super::Console;
 use super::interrupt::stop_on_signal;
+use super::server::ServerArguments;
 use super::text::{in_shell, next_lines};
 use crate::archive::Archive;
 use crate::calibrate::differs;
 use crate::collect::{
     Clock, CollectOptions, Collection, CollectionError, Collector, Report, SystemClock, SystemPorts, all_ports, collect,
 };
+use crate::jetstream::{Gateway, GatewayNews};
 use crate::keys::Keys;
 use crate::link::port::{is_remote, open_to_others};
 use crate::link::with_cause;
@@ -33,12 +35,13 @@ const EXAMPLES: &str = "Examples:
   belfry collect tower --port tcp:10.0.0.7:4001        a node behind a serial server
   belfry collect tower --for 12h                       then stop
   belfry collect tower --setup upper                   one of several live setups
+  belfry collect tower --to nats://hub:4222            a gateway of a fleet
 
 In study.toml the setup has `live = true` instead of `files`. Its sensors say which node samples them; a node's channels are its sensors in their order there. [analysis] needs band_hz: nodes must know it before there are data. The segment is the finest that leaves enough averages after --hours, unless [analysis] gives one.
 
 A node with a key (`belfry key`) is only collected from with it.
 
-Windows go into the study's archive.sqlite. A node forgets a window only when it is on this disk, and keeps the others as long as it has room, so collecting can be stopped and started again at any time. A full disk, or another program that writes into the archive, does not end it: it is tried again. While it runs, `belfry identify`, `belfry compare` and the rest work on what has come so far.
+Windows go into the study's archive.sqlite. A node forgets a window only when it is on this disk, and keeps the others as long as it has room, so collecting can be stopped and started again at any time. A full disk, or another program that writes into the archive, does not end it: it is tried again. With --to, windows and heartbeats also go to a server, where `belfry work` takes them; while it is away collecting goes on, and what is missing follows later. While it runs, `belfry identify`, `belfry compare` and the rest work on what has come so far.
 
 With --json every event is one line, a JSON object with `event`, `time`, `port` and `node`:
   port    the port has come to another `state`, with its `reason` on errors
@@ -70,6 +73,12 @@ pub struct Arguments {
     /// Hours that will be measured, for the choice of the segment when collecting begins [default: 24]
     #[arg(long, value_name = "HOURS", value_parser = hours)]
     hours: Option<f64>,
+    /// Publish each window to a NATS server as well, once it is in the archive: `nats://HOST:PORT` or `tls://HOST:PORT`, several of a cluster with commas
+    #[arg(long = "to", value_name = "URL")]
+    to: Option<String>,
+    /// How the server lets it in
+    #[command(flatten)]
+    server: ServerArguments,
     /// Drop windows that nodes still hold for another study; such nodes are not used otherwise
     #[arg(long)]
     drop_foreign: bool,
@@ -98,6 +107,10 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     let study = Study::load(&arguments.study)?;
     // That the study has a live setup is known before its folder is written to.
     Collection::live_setup(&study, arguments.setup.as_deref())?;
+    if arguments.to.is_none() && arguments.server.are_given() {
+        bail!("--credentials and --trust are for the server that --to names");
+    }
+    let address = arguments.to.as_deref().map(|to| arguments.server.address(to)).transpose()?;
     let ports = ports(arguments)?;
     let clock = SystemClock::new();
     let options = CollectOptions {
@@ -129,6 +142,7 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     let start = clock.steady();
     let elapsed = || clock.steady().saturating_sub(start);
     let collector = Collector::new(&collection, archive, &clock);
+    let gateway = address.map(|address| Gateway::start(&study, address)).transpose()?;
     let mut unprinted = None;
     collect(&collector, &ports, &mut |statuses, events| {
         for status in statuses {
@@ -141,6 +155,7 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
             }
         }
         view.show(statuses, events);
+        gateway.iter().flat_map(Gateway::news).for_each(|news| console.report(in_words(&news)));
         for event in events {
             if let Err(error) = console.json_line("collect-1", &EventLine::new(event, view.words())) {
                 unprinted = Some(error);
@@ -154,6 +169,7 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
         }
     });
     view.end();
+    let published = gateway.map(Gateway::finish);
     let statuses = collector.finish()?;
     if let Some(error) = unprinted {
         return Err(error);
@@ -165,12 +181,28 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     console.say(format!(
         "{stored} windows of nodes have come, {gaps} of them with gaps; the archive now has {windows} windows of this setup."
     ));
+    if let Some(published) = published {
+        console.say(format!("{published} windows were published."));
+    }
     report.verdict()?;
     if windows > 0 && (stored == 0 || gaps < stored) {
         let study = in_shell(&study.folder);
         console.say(next_lines(&[(format!("identify {study}"), "the modes, of what has come so far")]));
     }
     Ok(())
+}
+
+/// What happens to a gateway.
+fn in_words(news: &GatewayNews) -> String {
+    match news {
+        GatewayNews::Waiting { reason } => {
+            format!("publishing waits: {reason}. The archive keeps everything, and it is tried again.")
+        }
+        GatewayNews::Back { after } => {
+            format!("publishing goes on after {}", humantime::format_duration(Duration::from_secs(after.as_secs())))
+        }
+        GatewayNews::LeftOut { what } => format!("not published: {what}"),
+    }
 }
 
 /// The ports that are named, or all that there are.

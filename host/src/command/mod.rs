@@ -32,12 +32,14 @@ pub mod replay;
 pub mod report;
 mod route;
 pub mod serve;
+mod server;
 pub mod simulate;
 mod steps;
 mod text;
 mod trends;
 pub mod update;
 pub mod watch;
+pub mod work;
 
 use std::collections::HashSet;
 use std::io::{ErrorKind, IsTerminal, Write};

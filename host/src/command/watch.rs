@@ -48,6 +48,20 @@ pub struct Arguments {
     /// Judge what is there, and end
     #[arg(long)]
     once: bool,
+    /// When an alarm is raised
+    #[command(flatten)]
+    judging: JudgingArguments,
+    /// Run a command for every event, with the event as JSON on its standard input
+    #[arg(long, value_name = "COMMAND")]
+    on_alarm: Option<String>,
+    /// How spectra are made of the recordings
+    #[command(flatten)]
+    route: RouteArguments,
+}
+
+/// When an alarm is raised.
+#[derive(Debug, Args)]
+pub(super) struct JudgingArguments {
     /// Smallest change of a frequency that is worth an alarm
     #[arg(long, value_name = "PERCENT", default_value_t = 0.2, value_parser = percent)]
     least: f64,
@@ -60,12 +74,17 @@ pub struct Arguments {
     /// Judge days of frost as well: for structures of steel on rock
     #[arg(long, conflicts_with = "frost_below")]
     with_frost: bool,
-    /// Run a command for every event, with the event as JSON on its standard input
-    #[arg(long, value_name = "COMMAND")]
-    on_alarm: Option<String>,
-    /// How spectra are made of the recordings
-    #[command(flatten)]
-    route: RouteArguments,
+}
+
+impl JudgingArguments {
+    /// The same as the judgement takes it.
+    pub(super) fn settings(&self) -> Settings {
+        Settings {
+            false_alarm_probability: self.false_alarms,
+            least_change: 0.01 * self.least,
+            frost_below_degc: (!self.with_frost).then_some(self.frost_below),
+        }
+    }
 }
 
 fn probability(text: &str) -> Result<f64, String> {
@@ -85,11 +104,7 @@ const LOOKS_AN_INTERVAL: u32 = 4;
 pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     let stop = stop_on_signal()?;
     let hook = arguments.on_alarm.as_deref().map(words).transpose()?;
-    let settings = Settings {
-        false_alarm_probability: arguments.false_alarms,
-        least_change: 0.01 * arguments.least,
-        frost_below_degc: (!arguments.with_frost).then_some(arguments.frost_below),
-    };
+    let settings = arguments.judging.settings();
     let request = WatchRequest { every: arguments.every, route: arguments.route.route(), settings };
     let mut is_first = true;
     loop {
@@ -188,7 +203,7 @@ fn time(time_s: f64, is_live: bool) -> String {
     if is_live { moment((time_s * 1e6) as i64) } else { format!("day {:.1}", time_s / DAY_S) }
 }
 
-fn sentence(event: &Event, is_live: bool) -> String {
+pub(super) fn sentence(event: &Event, is_live: bool) -> String {
     let alarm = &event.alarm;
     let when = format!("between {} and {}", time(alarm.between_s[0], is_live), time(alarm.between_s[1], is_live));
     match event.event {

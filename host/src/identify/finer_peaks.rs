@@ -212,7 +212,7 @@ mod tests {
     #[test]
     fn regions_that_meet_are_one_and_end_with_the_lines() {
         assert_eq!(regions([3, 20, 26, 98].into_iter(), 4, 100), [0..8, 16..31, 94..100]);
-        assert_eq!(regions(std::iter::empty(), 4, 100), []);
+        assert!(regions(std::iter::empty(), 4, 100).is_empty());
     }
 
     #[test]

@@ -12,6 +12,8 @@ use crate::study::{Analysis, Setup, Study};
 
 /// Averages an interval needs: its jackknife has as many groups at most, and fewer do not say how sure they are.
 const LEAST_AVERAGES: usize = 12;
+/// Times of day are known to a microsecond: a middle that is before an interval's begin by less is not.
+const CLOCK_STEP_S: f64 = 1e-6;
 /// An interval needs this share of the windows that it has room for.
 const LEAST_SHARE: f64 = 0.5;
 
@@ -28,9 +30,20 @@ pub struct Interval {
     pub spectrum: Result<CrossSpectrum, SpectraError>,
     /// What was left out of it.
     pub warnings: Vec<String>,
+    /// Whether something of a later time has come.
+    pub is_over: bool,
 }
 
-/// Measures the setup's recording in intervals of `every_s`, each with segments that suit its length, and gives them to
+/// Which intervals.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Intervals {
+    /// Their length in s.
+    pub every_s: f64,
+    /// When the first begins, in s of Unix time, of what was collected live; with the first row or window where nothing is said.
+    pub from_s: Option<f64>,
+}
+
+/// Measures the setup's recording in intervals, each with segments that suit its length, and gives them to
 /// `on_interval` in the order of time, on a thread of its own. Memory does not grow with the record.
 ///
 /// # Errors
@@ -39,7 +52,7 @@ pub fn measure_intervals(
     study: &Study,
     setup: &Setup,
     analysis: &Analysis,
-    every_s: f64,
+    Intervals { every_s, from_s }: Intervals,
     route: Route,
     progress: Progress<'_>,
     mut on_interval: impl FnMut(Interval) + Send,
@@ -68,15 +81,19 @@ pub fn measure_intervals(
     let hop_s = 0.5 / plan.grid.spacing_hz();
     let (origin_s, lead_s) = match &material {
         Material::Recording(_) => (0.0, SpectralPlan::lead_rows(decimation) as f64 / setup.sampling_rate_hz),
-        Material::Archive(collected) => (collected.setup.start_s, 0.0),
+        Material::Archive(collected) => {
+            let start_s = collected.setup.start_s;
+            from_s.map_or((start_s, 0.0), |from_s| (from_s, start_s - from_s))
+        }
     };
     let fitting = (every_s / hop_s).floor().max(1.0);
+    let rounding_s = from_s.map_or(0.0, |_| CLOCK_STEP_S);
     // A window belongs to the interval that holds its middle.
-    let interval_of = |window: u64| ((lead_s + (window + 1) as f64 * hop_s) / every_s).floor() as u64;
+    let interval_of = |window: u64| ((lead_s + (window + 1) as f64 * hop_s + rounding_s) / every_s).floor() as u64;
     let (broken_sender, broken) = channel();
     let mut open: Option<(u64, CrossSpectrumAccumulator, usize)> = None;
     let spectra_failed = |source| MeasureError::Spectra { setup: setup.name.clone(), source };
-    let mut close = move |open: Option<(u64, CrossSpectrumAccumulator, usize)>| {
+    let mut close = move |open: Option<(u64, CrossSpectrumAccumulator, usize)>, is_over: bool| {
         let Some((number, accumulator, windows)) = open else { return };
         if (windows as f64) < LEAST_SHARE * fitting {
             return;
@@ -87,14 +104,14 @@ pub fn measure_intervals(
         };
         let warnings = left_out_sentences(setup, &warnings);
         let (start_s, end_s) = (number as f64 * every_s, (number + 1) as f64 * every_s);
-        on_interval(Interval { origin_s, start_s, end_s, spectrum, warnings });
+        on_interval(Interval { origin_s, start_s, end_s, spectrum, warnings, is_over });
     };
     let mut timings = Timings::default();
     let (grid, channels) = (plan.grid, setup.sensors.len());
     let take = |window: WindowLines| {
         let number = interval_of(window.grid_index);
         if open.as_ref().is_none_or(|(current, _, _)| *current != number) {
-            close(open.take());
+            close(open.take(), true);
             // Whether a mode has changed is tested with deviations from equally many groups, so that all intervals take the same
             // lines.
             match CrossSpectrumAccumulator::expecting(grid, channels, fitting as usize) {
@@ -112,7 +129,7 @@ pub fn measure_intervals(
     let task = Task { setup, material, plan: &plan, decimation, route, rows, windows: fitting as usize };
     let mut on_rows = |done: u64| progress(done, rows);
     stream::stream(task, &mut on_rows, &mut |_, _, _| {}, take, &mut timings)?;
-    close(open.take());
+    close(open.take(), false);
     match broken.try_iter().next() {
         Some(error) => Err(spectra_failed(error)),
         None => Ok(()),

@@ -45,7 +45,7 @@ use stream::{Streamed, Task};
 pub use error::MeasureError;
 pub(crate) use error::may_be_why;
 pub use glance::{ChannelLook, ClippedLook, GapLook, HeldLook, SetupLook, glance};
-pub use intervals::{Interval, measure_intervals};
+pub use intervals::{Interval, Intervals, measure_intervals};
 pub use overview::{Overview, Ranges, Waterfall};
 
 /// How spectra are made.

@@ -92,4 +92,5 @@ pub use shapes::BySource;
 pub(crate) use shapes::turned_by_update;
 pub use since::{SinceReport, SinceRequest};
 pub use updated::{BeforeAfter, OtherMode, PairState, PsiExplained, Update, UpdateReport, UpdatedPair, update};
+pub(crate) use watched::{Earlier, Judged, judged, last_seen};
 pub use watched::{Event, EventKind, WatchReport, WatchRequest, WatchedMode};

@@ -12,7 +12,7 @@ use super::cause::{Cause, cause};
 use super::error::StoryError;
 use crate::archive::TimeRange;
 use crate::identify::Identification;
-use crate::measure::Route;
+use crate::measure::{Intervals, Route};
 use crate::progress::{OnProgress, rows_of};
 use crate::results::{ALARMS_FILE, INTERVALS_FILE, Lines, MODES_FILE, REFERENCE_FILE, Results, WATCH_FILE};
 use crate::study::Study;
@@ -95,8 +95,8 @@ pub enum EventKind {
 }
 
 /// What an earlier run left.
-#[derive(Debug, Default, Deserialize)]
-struct Earlier {
+#[derive(Debug, Clone, Default, Deserialize)]
+pub(crate) struct Earlier {
     #[serde(default)]
     every_s: f64,
     judged_until_s: Option<f64>,
@@ -106,7 +106,7 @@ struct Earlier {
     causes: Vec<Option<Cause>>,
 }
 
-#[derive(Debug, Default, Deserialize)]
+#[derive(Debug, Clone, Default, Deserialize)]
 struct EarlierJudgement {
     #[serde(default)]
     alarms: Vec<Alarm>,
@@ -136,12 +136,16 @@ pub(super) fn watch(
     let (mut intervals, mut warnings) = in_order(&mut lines, &results.path(INTERVALS_FILE));
     let before = intervals.len();
     let last_end_s = intervals.last().map(|last| last.end_s);
-    if let (true, Some(end_s)) = (study.setups.iter().any(|setup| setup.live), last_end_s) {
-        study.range = TimeRange { from_us: Some((end_s * 1e6) as i64), ..TimeRange::ALL };
+    let is_live = study.setups.iter().any(|setup| setup.live);
+    // The first is at a full hour, or what else the intervals are.
+    let from_s = is_live.then_some(last_end_s.unwrap_or(0.0));
+    if let (true, Some(end_s)) = (is_live, last_end_s) {
+        study.range = TimeRange { from_us: Some((end_s * 1e6).round() as i64), ..TimeRange::ALL };
     }
     let last_hz = last_seen(&reference, &intervals);
     let on_rows = &mut rows_of("intervals", on_progress);
-    let (new, told) = seen(study, &reference, &last_hz, every_s, request.route, on_rows).map_err(StoryError::Follow)?;
+    let every = Intervals { every_s, from_s };
+    let (new, told) = seen(study, &reference, &last_hz, every, request.route, on_rows).map_err(StoryError::Follow)?;
     warnings.extend(told);
     intervals.extend(new.into_iter().filter(|one| last_end_s.is_none_or(|end_s| one.start_s >= end_s - 1e-3)));
     let without = intervals.iter().filter(|one| one.temperature_degc.is_none()).count();
@@ -152,12 +156,68 @@ pub(super) fn watch(
         ));
     }
     results.append(INTERVALS_FILE, lines, &intervals[before..])?;
+    let judged = judged(study, results, &reference, &intervals, &request.settings, earlier);
+    warnings.extend(judged.warnings);
+    let share = |number: usize| {
+        let seen = intervals.iter().filter(|one| one.modes.iter().any(|mode| mode.number == number)).count();
+        seen as f64 / intervals.len().max(1) as f64
+    };
+    let now_hz = last_seen(&reference, &intervals);
+    if !judged.events.is_empty() {
+        results.append(ALARMS_FILE, results.lines::<Event>(ALARMS_FILE)?, &judged.events)?;
+    }
+    Ok(WatchReport {
+        every_s,
+        modes: now_hz
+            .into_iter()
+            .map(|(number, frequency_hz)| WatchedMode {
+                number,
+                frequency_hz,
+                seen_share: share(number),
+                is_judged: judged.numbers.contains(&number),
+            })
+            .collect(),
+        intervals: intervals.len(),
+        new_intervals: intervals.len() - before,
+        judged_until_s: judged.until_s,
+        settings: request.settings,
+        judgement: judged.judgement,
+        causes: judged.causes,
+        events: judged.events,
+        warnings,
+    })
+}
+
+/// What all days say.
+pub(crate) struct Judged {
+    /// Until when days were judged.
+    pub(crate) until_s: Option<f64>,
+    /// Numbers of the modes that intervals show often enough.
+    numbers: Vec<usize>,
+    pub(crate) judgement: Judgement,
+    /// What each alarm's change most probably is.
+    pub(crate) causes: Vec<Option<Cause>>,
+    /// What has become of alarms this time.
+    pub(crate) events: Vec<Event>,
+    pub(crate) warnings: Vec<String>,
+}
+
+/// Judges all intervals, and goes on from what was judged `earlier`; `results` has the modes that are followed as a file, too.
+pub(crate) fn judged(
+    study: &Study,
+    results: &Results,
+    reference: &Identification,
+    intervals: &[SeenInterval],
+    settings: &Settings,
+    earlier: Earlier,
+) -> Judged {
+    let mut warnings = Vec::new();
     let numbers: Vec<usize> = reference.modes.iter().map(|mode| mode.number).collect();
-    let numbers = often_seen(&intervals, &numbers);
-    let days = whole_days(blocks(&intervals, &numbers), intervals.last());
+    let numbers = often_seen(intervals, &numbers);
+    let days = whole_days(blocks(intervals, &numbers), intervals.last());
     let old = earlier.judgement.alarms.clone();
     let until_s = earlier.judged_until_s.unwrap_or(f64::NEG_INFINITY);
-    let judgement = judge(&days, &numbers, &request.settings, earlier.judgement.alarms, until_s);
+    let judgement = judge(&days, &numbers, settings, earlier.judgement.alarms, until_s);
     let changed = changed(&old, &judgement.alarms);
     let mut causes = earlier.causes;
     causes.resize(judgement.alarms.len(), None);
@@ -176,35 +236,9 @@ pub(super) fn watch(
         alarm: judgement.alarms[index].clone(),
         cause: causes[index].clone(),
     };
-    let events: Vec<Event> = changed.iter().map(event).collect();
-    let share = |number: usize| {
-        let seen = intervals.iter().filter(|one| one.modes.iter().any(|mode| mode.number == number)).count();
-        seen as f64 / intervals.len().max(1) as f64
-    };
-    let now_hz = last_seen(&reference, &intervals);
-    if !events.is_empty() {
-        results.append(ALARMS_FILE, results.lines::<Event>(ALARMS_FILE)?, &events)?;
-    }
-    Ok(WatchReport {
-        every_s,
-        modes: now_hz
-            .into_iter()
-            .map(|(number, frequency_hz)| WatchedMode {
-                number,
-                frequency_hz,
-                seen_share: share(number),
-                is_judged: numbers.contains(&number),
-            })
-            .collect(),
-        intervals: intervals.len(),
-        new_intervals: intervals.len() - before,
-        judged_until_s: days.last().map(|day| day.time_s).or(earlier.judged_until_s),
-        settings: request.settings,
-        judgement,
-        causes,
-        events,
-        warnings,
-    })
+    let events = changed.iter().map(event).collect();
+    let until_s = days.last().map(|day| day.time_s).or(earlier.judged_until_s);
+    Judged { until_s, numbers, judgement, causes, events, warnings }
 }
 
 /// The modes that are followed: of an earlier watch, or else those that `identify` found.
@@ -236,7 +270,7 @@ fn in_order(lines: &mut Lines<SeenInterval>, file: &Path) -> (Vec<SeenInterval>,
 }
 
 /// Where each mode was seen last.
-fn last_seen(reference: &Identification, intervals: &[SeenInterval]) -> Vec<(usize, f64)> {
+pub(crate) fn last_seen(reference: &Identification, intervals: &[SeenInterval]) -> Vec<(usize, f64)> {
     let last = |number: usize| {
         let mut newest = intervals.iter().rev().flat_map(|one| &one.modes);
         newest.find(|mode| mode.number == number).map(|mode| mode.frequency_hz)

@@ -14,7 +14,7 @@ pub use crate::regression::Slope;
 pub use temperature::{TemperatureError, Temperatures};
 
 use crate::identify::{Identification, MeasuredSetup, Mode};
-use crate::measure::{Interval, MeasureError, Progress, Route, measure_intervals};
+use crate::measure::{Interval, Intervals, MeasureError, Progress, Route, measure_intervals};
 use crate::regression::slopes;
 use crate::spectra::LineGrid;
 use crate::study::{Analysis, Study};
@@ -173,7 +173,8 @@ pub fn follow(
             }
         };
         // As for the whole record: one setup that fails among others is left out.
-        if let Err(error) = measure_intervals(study, setup, &analysis, every_s, route, progress, take) {
+        let every = Intervals { every_s, from_s: None };
+        if let Err(error) = measure_intervals(study, setup, &analysis, every, route, progress, take) {
             warnings.push(format!("setup \"{}\" is left out of the trends: {error}", setup.name));
             failure.get_or_insert(error);
         }
@@ -206,7 +207,7 @@ pub fn follow(
 }
 
 /// The intervals of a study's one setup in which the modes of `reference` are looked for, those that were last seen at `last_hz` near there; and what
-/// the reader should know. Intervals begin with the study's range.
+/// the reader should know. An interval of what nodes have sent that may still go on is left out, but where the study's range ends with it.
 ///
 /// # Errors
 /// As [`follow`], and where there are several setups: the same modes look different in each.
@@ -214,7 +215,7 @@ pub fn seen(
     study: &Study,
     reference: &Identification,
     last_hz: &[(usize, f64)],
-    every_s: f64,
+    every: Intervals,
     route: Route,
     progress: Progress<'_>,
 ) -> Result<(Vec<SeenInterval>, Vec<String>), TrendError> {
@@ -229,6 +230,9 @@ pub fn seen(
     let mut warnings: Vec<String> = node.flatten().into_iter().map(of_node).collect();
     let take = |interval: Interval| {
         let [start_s, end_s] = [interval.start_s, interval.end_s].map(|time_s| interval.origin_s + time_s);
+        if setup.live && !interval.is_over && study.range.to_us.is_none() {
+            return;
+        }
         match interval.spectrum {
             Ok(spectrum) => {
                 let of = |mode: IntervalMode| SeenMode {
@@ -244,7 +248,7 @@ pub fn seen(
             Err(error) => warnings.push(format!("{start_s:.0} to {end_s:.0} s: left out: {error}")),
         }
     };
-    measure_intervals(study, setup, &analysis, every_s, route, progress, take)?;
+    measure_intervals(study, setup, &analysis, every, route, progress, take)?;
     Ok((intervals, warnings))
 }
 

@@ -8,7 +8,7 @@ use super::evidence::{Evidence, LEAST_AFTER, LEAST_BEFORE, Learned};
 use crate::statistics::at_least;
 
 /// When an alarm is raised.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Settings {
     /// Probability that a sound structure ever raises one, where its frequencies move as the model of them says.
     pub false_alarm_probability: f64,

@@ -58,16 +58,21 @@ struct Used {
 
 fn used(child: &Child) -> Result<Used, Box<dyn Error>> {
     let folder = format!("/proc/{}", child.id());
-    let stat = fs::read_to_string(format!("{folder}/stat"))?;
-    // Behind the name, which may contain anything: fields 14 and 15 of the line (proc(5)).
-    let fields: Vec<&str> = stat.rsplit(')').next().unwrap_or_default().split_whitespace().collect();
-    let ticks = |index: usize| fields.get(index).and_then(|field| field.parse::<f64>().ok()).ok_or("no times");
     let mut wakeups = 0;
     for task in fs::read_dir(format!("{folder}/task"))? {
         let status = fs::read_to_string(task?.path().join("status"))?;
         wakeups += number(&status, "voluntary_ctxt_switches:")?;
     }
-    Ok(Used { cpu_s: (ticks(11)? + ticks(12)?) / TICKS_PER_SECOND, wakeups })
+    Ok(Used { cpu_s: cpu_s(child.id())?, wakeups })
+}
+
+/// Processor time of a process, in s.
+pub(crate) fn cpu_s(process: u32) -> Result<f64, Box<dyn Error>> {
+    let stat = fs::read_to_string(format!("/proc/{process}/stat"))?;
+    // Behind the name, which may contain anything: fields 14 and 15 of the line (proc(5)).
+    let fields: Vec<&str> = stat.rsplit(')').next().unwrap_or_default().split_whitespace().collect();
+    let ticks = |index: usize| fields.get(index).and_then(|field| field.parse::<f64>().ok()).ok_or("no times");
+    Ok((ticks(11)? + ticks(12)?) / TICKS_PER_SECOND)
 }
 
 /// The number behind a word at the start of a line.

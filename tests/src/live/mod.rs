@@ -5,4 +5,5 @@ mod load;
 mod nodes;
 
 pub use kills::{KillReport, kills};
+pub(crate) use load::cpu_s;
 pub use load::{LoadReport, load};

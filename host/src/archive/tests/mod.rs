@@ -7,6 +7,7 @@ mod flips;
 mod keeping;
 mod losses;
 mod migration;
+mod packing;
 mod ranges;
 
 use belfry_shared::message::{Band, ChannelState, Peak, Summary, WindowName};

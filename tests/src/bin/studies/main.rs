@@ -8,6 +8,8 @@ mod campaign;
 mod canton;
 mod cases;
 mod clock;
+#[cfg(unix)]
+mod fleet;
 mod footbridge;
 mod frame;
 mod identification;
@@ -37,6 +39,8 @@ enum StudyCommand {
     Campaign(campaign::Arguments),
     Canton(canton::Arguments),
     Clock(clock::Arguments),
+    #[cfg(unix)]
+    Fleet(fleet::Arguments),
     Footbridge(footbridge::Arguments),
     Frame(frame::Arguments),
     Identification(identification::Arguments),
@@ -55,6 +59,8 @@ fn main() -> ExitCode {
         StudyCommand::Campaign(arguments) => campaign::run(&arguments),
         StudyCommand::Canton(arguments) => canton::run(&arguments),
         StudyCommand::Clock(arguments) => clock::run(&arguments),
+        #[cfg(unix)]
+        StudyCommand::Fleet(arguments) => fleet::run(&arguments),
         StudyCommand::Footbridge(arguments) => footbridge::run(&arguments),
         StudyCommand::Frame(arguments) => frame::run(&arguments),
         StudyCommand::Identification(arguments) => identification::run(&arguments),

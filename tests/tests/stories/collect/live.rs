@@ -93,13 +93,13 @@ impl Drop for LiveNode {
 }
 
 /// The mast's study, and its nodes: the one's crystal gains 20 ppm, the other's loses as much.
-struct LiveBench {
-    folder: tempfile::TempDir,
+pub(super) struct LiveBench {
+    pub(super) folder: tempfile::TempDir,
     _nodes: [LiveNode; 2],
 }
 
 impl LiveBench {
-    fn new() -> Self {
+    pub(super) fn new() -> Self {
         let folder = folder_in_memory();
         write_study(folder.path());
         let motion = Arc::new(motion(200.0));
@@ -112,11 +112,11 @@ impl LiveBench {
         Self { folder, _nodes: nodes }
     }
 
-    fn study(&self) -> &str {
+    pub(super) fn study(&self) -> &str {
         self.folder.path().to_str().unwrap()
     }
 
-    fn collect(&self, more: &[&str]) -> Command {
+    pub(super) fn collect(&self, more: &[&str]) -> Command {
         let port = |node: u16| format!("unix:{}", self.folder.path().join(format!("node{node}")).display());
         let mut command = belfry_command();
         command.args(["collect", self.study(), "--port", &port(8), "--port", &port(3)]).args(more);
@@ -124,7 +124,7 @@ impl LiveBench {
     }
 
     /// Waits until the archive has `count` windows of each node.
-    fn wait_for(&self, count: usize) {
+    pub(super) fn wait_for(&self, count: usize) {
         let start = Instant::now();
         let file = self.folder.path().join("archive.sqlite");
         while !file.exists() || [3, 8].iter().any(|&node| numbers(self.folder.path(), node).len() < count) {
@@ -134,12 +134,12 @@ impl LiveBench {
     }
 }
 
-fn kill(mut child: Child) {
+pub(super) fn kill(mut child: Child) {
     child.kill().unwrap();
     child.wait().unwrap();
 }
 
-fn interrupt(child: &Child) {
+pub(super) fn interrupt(child: &Child) {
     assert!(Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap().success());
 }
 

@@ -2,6 +2,7 @@
 
 mod bench;
 mod disk;
+mod fleet;
 mod keeping;
 mod live;
 mod mast;

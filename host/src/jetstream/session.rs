@@ -1,0 +1,313 @@
+//! A worker's session: as long as its connection is whole. Everything begins anew with the next one, for all that counts is on the server.
+//!
+//! One loop reads the headers of all data that come, keeps the ledgers of its own structures, and hands intervals that are over to lanes. A lane is a
+//! task a core, and a structure is always in the same one, so that its intervals follow each other.
+
+use std::collections::BTreeMap;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+use async_nats::jetstream::kv::Store;
+use bytes::Bytes;
+use tokio::sync::mpsc::{UnboundedReceiver, UnboundedSender, unbounded_channel};
+use tokio::task::JoinSet;
+use tokio_stream::StreamExt;
+
+use super::error::StreamError;
+use super::follow::{Followed, IntervalResult};
+use super::ledger::{Due, Ledger};
+use super::names::{self, DataKind};
+use super::reading::{Incoming, reader};
+use super::server::{ALIVE, Address, Server};
+use super::share::is_own;
+use super::worker::WorkNews;
+use crate::story::Event;
+
+/// Time between signs of life, and looks at who else is alive.
+const TICK: Duration = ALIVE.checked_div(5).expect("five is not zero");
+/// Time between looks whether it is to stop.
+const LOOK: Duration = Duration::from_millis(200);
+/// The server says so often that it is there when it has nothing to say.
+const HEARTBEAT: Duration = Duration::from_secs(2);
+/// How long it is waited for news, before they are asked for again.
+const EXPIRES: Duration = Duration::from_secs(10);
+
+/// What a lane is to do.
+enum Job {
+    Take(String, u64),
+    Interval(String, Due, Instant),
+    Leave(String),
+}
+
+/// What a lane has done.
+enum Outcome {
+    /// A structure is its own, with the ledger of what has come until now.
+    Taken(String, u64, Box<Ledger>),
+    Published(Box<IntervalResult>, Duration),
+    Alarm(Box<Event>),
+    Failed(String, StreamError),
+}
+
+/// A structure of this worker.
+enum Own {
+    /// A lane takes it over; what has come meanwhile.
+    Taking(Vec<(u64, DataKind, i64)>),
+    Taken(Box<Ledger>),
+}
+
+/// A structure that this worker has, or that could not be followed.
+struct Held {
+    /// The revision of its entry.
+    revision: u64,
+    /// `None` where it was refused.
+    own: Option<Own>,
+}
+
+/// Works until it is to stop, or the connection is no longer whole. `on_ready` is called when it has begun, and says how long it could not.
+pub(super) async fn session(
+    address: &Address,
+    me: &str,
+    stop: &AtomicBool,
+    on_ready: &mut dyn FnMut() -> Option<Duration>,
+    tell: &mut dyn FnMut(WorkNews),
+) -> Result<(), StreamError> {
+    let server = Server::connect(address).await?;
+    let (structures, workers) = (server.structures().await?, server.workers().await?);
+    let data = &server.data;
+    let mut live = reader(data, names::ALL_DATA, data.cached_info().state.last_sequence + 1, true)
+        .await?
+        .stream()
+        .heartbeat(HEARTBEAT)
+        .expires(EXPIRES)
+        .messages()
+        .await
+        .map_err(|error| StreamError::server("reading what comes")(error.into()))?;
+    let (tell_outcome, mut outcomes) = unbounded_channel();
+    let mut tasks = JoinSet::new();
+    let lanes = std::thread::available_parallelism().map_or(1, usize::from);
+    let lanes: Vec<UnboundedSender<Job>> = (0..lanes)
+        .map(|_| {
+            let (send, jobs) = unbounded_channel();
+            tasks.spawn(lane(server.clone(), jobs, tell_outcome.clone()));
+            send
+        })
+        .collect();
+    let mut share = Share { me, lanes, held: BTreeMap::new(), told: None };
+    let (mut count, mut tick) = (0, tokio::time::interval(TICK));
+    let mut look = tokio::time::interval(LOOK);
+    tick.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
+    let mut is_first = true;
+    loop {
+        tokio::select! {
+            message = live.next() => {
+                let message = message.ok_or(StreamError::Gone)?.map_err(|error| StreamError::server("reading what comes")(error.into()))?;
+                let message = Incoming::of(&message)?;
+                count += 1;
+                // One that was on its way when the connection was interrupted does not come again.
+                if message.count != count {
+                    return Err(StreamError::Gone);
+                }
+                share.take(&message);
+            }
+            outcome = outcomes.recv() => {
+                if let Some(outcome) = outcome {
+                    share.note(outcome, tell)?;
+                }
+            }
+            _ = tick.tick() => {
+                server.is_whole()?;
+                put(&workers, me).await?;
+                share.look(&structures, &workers, tell).await?;
+                if std::mem::take(&mut is_first) && let Some(after) = on_ready() {
+                    tell(WorkNews::Back { after_s: after.as_secs_f64() });
+                }
+            }
+            _ = look.tick() => {
+                if stop.load(Ordering::Relaxed) {
+                    // The others need not wait until it is no longer taken for alive.
+                    let _ = workers.purge(me).await;
+                    return Ok(());
+                }
+            }
+        }
+    }
+}
+
+async fn put(workers: &Store, me: &str) -> Result<(), StreamError> {
+    let put = workers.put(me, Bytes::from_static(b"alive")).await;
+    put.map(drop).map_err(|error| StreamError::server("saying that this worker is alive")(error.into()))
+}
+
+/// The keys of a bucket.
+async fn keys(store: &Store) -> Result<Vec<String>, StreamError> {
+    let failed = || StreamError::server(format!("the keys of {}", store.name));
+    let mut all = store.keys().await.map_err(|error| failed()(error.into()))?;
+    let mut found = Vec::new();
+    while let Some(key) = all.next().await {
+        found.push(key.map_err(|error| failed()(error.into()))?);
+    }
+    Ok(found)
+}
+
+/// What this worker has.
+struct Share<'a> {
+    me: &'a str,
+    lanes: Vec<UnboundedSender<Job>>,
+    held: BTreeMap<String, Held>,
+    told: Option<(usize, usize, usize)>,
+}
+
+impl Share<'_> {
+    /// Looks at who is alive and which structures there are, and takes or leaves some.
+    async fn look(
+        &mut self,
+        structures: &Store,
+        workers: &Store,
+        tell: &mut dyn FnMut(WorkNews),
+    ) -> Result<(), StreamError> {
+        let alive = keys(workers).await?;
+        let all = keys(structures).await?;
+        let alive: Vec<&str> = alive.iter().map(String::as_str).collect();
+        let own: Vec<&String> = all.iter().filter(|key| is_own(self.me, key, alive.iter().copied())).collect();
+        let gone: Vec<String> = self.held.keys().filter(|key| !own.contains(key)).cloned().collect();
+        for key in gone {
+            self.held.remove(&key);
+            self.send(&key, Job::Leave(key.clone()));
+        }
+        let counts = (own.len(), all.len(), alive.len());
+        for key in own {
+            let entry = structures.entry(key).await;
+            let entry = entry.map_err(|error| StreamError::server(format!("the entry of {key}"))(error.into()))?;
+            let Some(revision) = entry.map(|entry| entry.revision) else { continue };
+            if self.held.get(key).is_none_or(|held| held.revision != revision) {
+                self.held.insert(key.clone(), Held { revision, own: Some(Own::Taking(Vec::new())) });
+                self.send(key, Job::Take(key.clone(), revision));
+            }
+        }
+        if self.told.replace(counts) != Some(counts) {
+            let (own, all, workers) = counts;
+            tell(WorkNews::Share { own, all, workers });
+        }
+        Ok(())
+    }
+
+    /// Takes a message's headers.
+    fn take(&mut self, message: &Incoming) {
+        let (Some((key, kind)), Some(time_us)) = (names::data_of(&message.subject), message.time_us) else { return };
+        let due = match self.held.get_mut(key).and_then(|held| held.own.as_mut()) {
+            None => return,
+            Some(Own::Taking(meanwhile)) => return meanwhile.push((message.sequence, kind, time_us)),
+            Some(Own::Taken(ledger)) => ledger.take(message.sequence, kind, time_us),
+        };
+        self.hand_over(key, due);
+    }
+
+    fn hand_over(&self, key: &str, due: Vec<Due>) {
+        due.into_iter().for_each(|due| self.send(key, Job::Interval(key.to_owned(), due, Instant::now())));
+    }
+
+    fn send(&self, key: &str, job: Job) {
+        let lane = key.bytes().fold(0_usize, |sum, byte| sum.wrapping_mul(31).wrapping_add(usize::from(byte)));
+        if let Some(lane) = self.lanes.get(lane % self.lanes.len().max(1)) {
+            // A lane ends with the session.
+            let _ = lane.send(job);
+        }
+    }
+
+    /// Takes note of what a lane has done.
+    fn note(&mut self, outcome: Outcome, tell: &mut dyn FnMut(WorkNews)) -> Result<(), StreamError> {
+        match outcome {
+            Outcome::Taken(key, revision, mut ledger) => {
+                let held = self.held.get_mut(&key).filter(|held| held.revision == revision);
+                let Some(held) = held else { return Ok(()) };
+                let Some(Own::Taking(meanwhile)) = held.own.take() else { return Ok(()) };
+                let due = meanwhile
+                    .into_iter()
+                    .flat_map(|(sequence, kind, time_us)| ledger.take(sequence, kind, time_us))
+                    .collect();
+                held.own = Some(Own::Taken(ledger));
+                self.hand_over(&key, due);
+            }
+            Outcome::Published(result, after) => tell(WorkNews::Result { result, after_s: after.as_secs_f64() }),
+            Outcome::Alarm(alarm) => tell(WorkNews::Alarm { alarm }),
+            // It is taken anew, where it still is this worker's.
+            Outcome::Failed(key, StreamError::Overtaken { .. }) => drop(self.held.remove(&key)),
+            Outcome::Failed(_, error) if error.may_pass() && !matches!(error, StreamError::Odd { .. }) => {
+                return Err(error);
+            }
+            Outcome::Failed(key, error) => {
+                if let Some(held) = self.held.get_mut(&key) {
+                    held.own = None;
+                }
+                tell(WorkNews::Refused { structure: key, reason: error.to_string() });
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Follows structures one after the other.
+async fn lane(server: Server, mut jobs: UnboundedReceiver<Job>, outcomes: UnboundedSender<Outcome>) {
+    let mut followed: BTreeMap<String, Followed> = BTreeMap::new();
+    while let Some(job) = jobs.recv().await {
+        let (key, done) = match job {
+            Job::Leave(key) => {
+                followed.remove(&key);
+                continue;
+            }
+            Job::Take(key, revision) => {
+                followed.remove(&key);
+                let taken = take(&server, &key, revision, &outcomes).await;
+                (key.clone(), taken.map(|one| drop(followed.insert(key, one))))
+            }
+            Job::Interval(key, due, since) => {
+                // It was left, or has failed, since this was handed over.
+                let Some(one) = followed.get_mut(&key) else { continue };
+                let done = interval(&server, one, due, since, &outcomes).await;
+                (key, done)
+            }
+        };
+        if let Err(error) = done {
+            followed.remove(&key);
+            let _ = outcomes.send(Outcome::Failed(key, error));
+        }
+    }
+}
+
+/// Takes a structure over and makes up for what was left undone.
+async fn take(
+    server: &Server,
+    key: &str,
+    revision: u64,
+    outcomes: &UnboundedSender<Outcome>,
+) -> Result<Followed, StreamError> {
+    let since = Instant::now();
+    let mut one = Followed::take(server, key).await?;
+    judge(server, &mut one, outcomes).await?;
+    let (ledger, due) = one.catch_up(server).await?;
+    for due in due {
+        interval(server, &mut one, due, since, outcomes).await?;
+    }
+    // Nobody listens any more where the session is over.
+    let _ = outcomes.send(Outcome::Taken(key.to_owned(), revision, Box::new(ledger)));
+    Ok(one)
+}
+
+async fn interval(
+    server: &Server,
+    one: &mut Followed,
+    due: Due,
+    since: Instant,
+    outcomes: &UnboundedSender<Outcome>,
+) -> Result<(), StreamError> {
+    let result = one.interval(server, due).await?;
+    let _ = outcomes.send(Outcome::Published(Box::new(result), since.elapsed()));
+    judge(server, one, outcomes).await
+}
+
+async fn judge(server: &Server, one: &mut Followed, outcomes: &UnboundedSender<Outcome>) -> Result<(), StreamError> {
+    for alarm in one.judge(server).await? {
+        let _ = outcomes.send(Outcome::Alarm(Box::new(alarm)));
+    }
+    Ok(())
+}

@@ -1,0 +1,93 @@
+//! A worker: sessions with the server one after the other, until it is stopped.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+use serde::Serialize;
+
+use super::error::StreamError;
+use super::follow::IntervalResult;
+use super::server::Address;
+use super::session::session;
+use crate::patience::Patience;
+use crate::story::Event;
+
+/// Time between looks whether it is to stop.
+const LOOK: Duration = Duration::from_millis(200);
+
+/// What happens to a worker.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[serde(tag = "event", rename_all = "lowercase")]
+pub enum WorkNews {
+    /// It has a share of the structures.
+    Share {
+        /// Structures that are its own.
+        own: usize,
+        /// Structures of all.
+        all: usize,
+        /// Workers that are alive.
+        workers: usize,
+    },
+    /// An interval has a result.
+    Result {
+        /// It.
+        #[serde(flatten)]
+        result: Box<IntervalResult>,
+        /// Seconds from the window that ended the interval to the result.
+        after_s: f64,
+    },
+    /// An alarm is raised, lasts or is withdrawn.
+    Alarm {
+        /// It.
+        alarm: Box<Event>,
+    },
+    /// The server is away, or refuses.
+    Waiting {
+        /// Why.
+        reason: String,
+    },
+    /// It can go on.
+    Back {
+        /// How long it could not, in s.
+        after_s: f64,
+    },
+    /// A structure cannot be followed until it is added anew.
+    Refused {
+        /// The structure.
+        structure: String,
+        /// Why.
+        reason: String,
+    },
+}
+
+/// Works until it is to stop: takes its share of the structures, makes modes of each interval that is over, and publishes them.
+///
+/// # Errors
+/// Where nothing can come of trying again: the credentials are none, or the system gives no threads.
+pub fn work(address: &Address, stop: &AtomicBool, tell: &mut dyn FnMut(WorkNews)) -> Result<(), StreamError> {
+    let failed = |source| StreamError::File { file: std::env::temp_dir(), source };
+    let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build().map_err(failed)?;
+    let mut random = [0; 8];
+    getrandom::fill(&mut random).map_err(|error| failed(error.into()))?;
+    let me = format!("{:016x}", u64::from_ne_bytes(random));
+    let (start, mut patience) = (Instant::now(), Patience::default());
+    let outcome = runtime.block_on(async {
+        while !stop.load(Ordering::Relaxed) {
+            let on_ready = |patience: &mut Patience| patience.worked(start.elapsed());
+            let Err(error) = session(address, &me, stop, &mut || on_ready(&mut patience), tell).await else { break };
+            if !error.may_pass() {
+                return Err(error);
+            }
+            if patience.failed(start.elapsed()) {
+                tell(WorkNews::Waiting { reason: error.to_string() });
+            }
+            while patience.is_waiting(start.elapsed()) && !stop.load(Ordering::Relaxed) {
+                tokio::time::sleep(LOOK).await;
+            }
+        }
+        Ok(())
+    });
+    // An interval that is being measured is measured anew by whoever takes it over.
+    runtime.shutdown_background();
+    outcome
+}

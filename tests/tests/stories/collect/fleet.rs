@@ -1,0 +1,218 @@
+//! Gateways and workers over a real NATS server, all of which are killed in the middle of it: every window is in the stream once, and every interval
+//! has one result, which is what `belfry watch` makes of the archive.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fs;
+use std::process::{Child, Stdio};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use assert_cmd::prelude::*;
+use belfry_tests::belfry_command;
+use belfry_tests::nats::NatsServer;
+use serde_json::Value;
+
+use super::live::{LiveBench, interrupt, kill};
+use super::mast::archive;
+
+/// Length of an interval in s.
+const EVERY_S: i64 = 10;
+
+/// The names of a bench's windows (node, boot, number), in the order in which they were stored, each with the middle of its time in µs.
+fn stored(bench: &LiveBench) -> Vec<([u32; 3], i64)> {
+    let archive = archive(bench.folder.path());
+    let mut statement = archive.prepare("SELECT node, boot, number, start_us FROM window ORDER BY id").unwrap();
+    let rows =
+        statement.query_map([], |row| Ok(([row.get(0)?, row.get(1)?, row.get(2)?], row.get::<_, i64>(3)?))).unwrap();
+    // Half a segment of 256 samples, at 500 a second.
+    rows.map(Result::unwrap).map(|(name, start_us)| (name, start_us + 256_000)).collect()
+}
+
+/// The names of windows in the stream, in its order.
+fn published(server: &NatsServer) -> Vec<[u32; 3]> {
+    let messages = server.messages("BELFRY").unwrap();
+    let windows = messages.iter().filter(|message| message.subject.contains(".windows."));
+    let name = |id: &str| -> [u32; 3] {
+        let parts: Vec<u32> = id.strip_prefix("Mast-").unwrap().split('-').map(|part| part.parse().unwrap()).collect();
+        parts.try_into().unwrap()
+    };
+    windows
+        .map(|message| {
+            let name = name(&message.id);
+            assert_eq!(message.subject, format!("belfry.Mast.windows.{}", name[0]));
+            name
+        })
+        .collect()
+}
+
+fn results(server: &NatsServer) -> Vec<Value> {
+    let messages = server.messages("BELFRY_RESULTS").unwrap();
+    let results = messages.iter().filter(|message| message.subject == "belfry.Mast.results");
+    results.map(|message| serde_json::from_slice(&message.payload).unwrap()).collect()
+}
+
+fn spawn(mut command: std::process::Command) -> Child {
+    command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap()
+}
+
+fn worker(server: &NatsServer) -> Child {
+    let mut command = belfry_command();
+    command.args(["work", "--from", &server.url()]);
+    spawn(command)
+}
+
+/// Identifies the modes of what has come and has them followed. A cluster takes some seconds until it has agreed on who leads.
+fn follow(bench: &LiveBench, server: &NatsServer, more: &[&str]) {
+    // The drift is known from 20 s on.
+    bench.wait_for(200);
+    belfry_command().args(["identify", bench.study()]).assert().success();
+    let url = server.url();
+    let add = [&["work", "--from", &url, "--add", bench.study(), "--every", "10s"], more].concat();
+    let start = Instant::now();
+    loop {
+        let output = belfry_command().args(&add).output().unwrap();
+        let said = String::from_utf8(output.stdout).unwrap();
+        if output.status.success() {
+            assert!(said.contains("Mast is followed from now on: 2 modes"), "{said}");
+            return;
+        }
+        assert!(start.elapsed() < Duration::from_secs(60), "{}", String::from_utf8_lossy(&output.stderr));
+        thread::sleep(Duration::from_secs(1));
+    }
+}
+
+/// Ends a gateway in good order, when it has published what has come, and waits for the last result.
+fn end(bench: &LiveBench, server: &NatsServer, mut gateway: Child) {
+    interrupt(&gateway);
+    assert!(gateway.wait().unwrap().success());
+    let wanted = intervals(&stored(bench));
+    wait_until("the last result", || results(server).len() >= wanted.len());
+}
+
+fn wait_until(what: &str, is_so: impl Fn() -> bool) {
+    let start = Instant::now();
+    while !is_so() {
+        assert!(start.elapsed() < Duration::from_secs(90), "{what} does not come");
+        thread::sleep(Duration::from_millis(200));
+    }
+}
+
+/// Whole intervals that the archive has, with the windows of each: those that both nodes have gone past.
+fn intervals(windows: &[([u32; 3], i64)]) -> BTreeMap<i64, usize> {
+    let number = |middle_us: &i64| middle_us.div_euclid(1_000_000 * EVERY_S);
+    let newest =
+        |node| windows.iter().filter(|(name, _)| name[0] == node).map(|(_, middle)| number(middle)).max().unwrap();
+    let over = newest(3).min(newest(8));
+    let mut counts = BTreeMap::new();
+    for interval in windows.iter().map(|(_, middle)| number(middle)).filter(|&interval| interval < over) {
+        *counts.entry(interval).or_default() += 1;
+    }
+    counts
+}
+
+/// Holds what workers have published against the archive, and against what a watch makes of it.
+fn holds(bench: &LiveBench, server: &NatsServer) {
+    let windows = stored(bench);
+    let names: Vec<[u32; 3]> = windows.iter().map(|(name, _)| *name).collect();
+    assert_eq!(published(server), names, "each window once, in the order of the archive");
+    let expected = intervals(&windows);
+    let results = results(server);
+    let counts: Vec<(i64, usize)> = results
+        .iter()
+        .map(|result| (result["interval"].as_i64().unwrap(), result["windows"].as_u64().unwrap() as usize))
+        .collect();
+    assert_eq!(counts, expected.into_iter().collect::<Vec<_>>(), "each interval once, with all of its windows");
+    // The archive alone, by the other way to the modes.
+    let every = format!("{EVERY_S}s");
+    let watch = ["watch", bench.study(), "--once", "--every", &every];
+    belfry_command().args(watch).assert().success();
+    let lines = fs::read_to_string(bench.folder.path().join("results/watch.jsonl")).unwrap();
+    let watched: BTreeMap<i64, Value> = lines
+        .lines()
+        .map(|line| serde_json::from_str(line).unwrap())
+        .map(|interval: Value| ((interval["start_s"].as_f64().unwrap() / EVERY_S as f64).round() as i64, interval))
+        .collect();
+    let seen: BTreeMap<i64, &Value> = results
+        .iter()
+        .filter(|result| !result["seen"].is_null())
+        .map(|result| (result["interval"].as_i64().unwrap(), &result["seen"]))
+        .collect();
+    assert!(seen.len() >= 3, "{seen:?}");
+    let same: BTreeSet<i64> = seen.keys().copied().filter(|interval| watched.contains_key(interval)).collect();
+    assert_eq!(same.len(), seen.len(), "a watch has seen {:?}", watched.keys());
+    for interval in same {
+        let (worker, watch) = (seen[&interval], &watched[&interval]);
+        let modes = |seen: &Value| seen["modes"].as_array().unwrap().clone();
+        assert!(modes(worker).len() >= 2 && worker["modes"] == watch["modes"], "{interval}: {worker} beside {watch}");
+    }
+}
+
+#[test]
+#[cfg_attr(not(nats), ignore = "nats-server is not installed; ./test installs it")]
+fn windows_and_results_come_once_whoever_is_killed() {
+    let mut server = NatsServer::start().unwrap();
+    let bench = LiveBench::new();
+    let url = server.url();
+    let gateway = || spawn(bench.collect(&["--to", &url]));
+    let first = gateway();
+    follow(&bench, &server, &[]);
+    let workers = [worker(&server), worker(&server)];
+    wait_until("the first result", || !results(&server).is_empty());
+    kill(first);
+    let second = gateway();
+    // Whichever of them has the structure.
+    let [one, other] = workers;
+    kill(one);
+    thread::sleep(Duration::from_secs(6));
+    let third = worker(&server);
+    thread::sleep(Duration::from_secs(5));
+    server.kill(0).unwrap();
+    // The archive grows meanwhile.
+    let before = stored(&bench).len();
+    thread::sleep(Duration::from_secs(4));
+    assert!(stored(&bench).len() > before + 20, "collecting waits for the server");
+    server.restart(0).unwrap();
+    kill(other);
+    thread::sleep(Duration::from_secs(12));
+    end(&bench, &server, second);
+    kill(third);
+    holds(&bench, &server);
+    // Whoever begins anew finds nothing to do.
+    fs::remove_file(bench.folder.path().join("gateway.json")).unwrap();
+    let (windows, found) = (published(&server), results(&server));
+    let again = gateway();
+    let late = worker(&server);
+    thread::sleep(Duration::from_secs(3));
+    interrupt(&again);
+    assert!({ again }.wait_with_output().unwrap().status.success());
+    interrupt(&late);
+    assert!({ late }.wait_with_output().unwrap().status.success());
+    assert_eq!(published(&server)[..windows.len()], windows);
+    assert_eq!(results(&server)[..found.len()], found);
+    let after: BTreeSet<[u32; 3]> = published(&server).into_iter().collect();
+    assert_eq!(after.len(), published(&server).len(), "a window has come twice");
+}
+
+#[test]
+#[cfg_attr(not(nats), ignore = "nats-server is not installed; ./test installs it")]
+#[cfg_attr(all(nats, not(long_tests)), ignore = "takes minutes; ./test --all runs it")]
+fn one_of_three_servers_may_die() {
+    let mut servers = NatsServer::start_cluster(3).unwrap();
+    let bench = LiveBench::new();
+    let (url, more) = (servers.url(), ["--replicas", "3"]);
+    let gateway = spawn(bench.collect(&["--to", &url, more[0], more[1]]));
+    follow(&bench, &servers, &more);
+    let worker = worker(&servers);
+    wait_until("the first result", || !results(&servers).is_empty());
+    for server in 0..3 {
+        servers.kill(server).unwrap();
+        let count = results(&servers).len();
+        wait_until("a result of two servers", || results(&servers).len() > count);
+        servers.restart(server).unwrap();
+        // It has to catch up before the next may go.
+        thread::sleep(Duration::from_secs(8));
+    }
+    end(&bench, &servers, gateway);
+    kill(worker);
+    holds(&bench, &servers);
+}
