@@ -8,7 +8,8 @@ use std::sync::Mutex;
 use belfry_tests::belfry_command;
 
 /// Programs of other people, whose options are their affair.
-const FOREIGN: [&str; 9] = ["probe-rs", "rm", "rustup", "qemu-system-arm", "git", "$EDITOR", "docker", "sudo", "tar"];
+const FOREIGN: [&str; 11] =
+    ["probe-rs", "rm", "rustup", "qemu-system-arm", "git", "$EDITOR", "docker", "sudo", "tar", "nats-server", "id"];
 
 /// The help of belfry's commands and of the studies, asked for once each.
 pub(crate) struct CommandHelp {
@@ -79,7 +80,9 @@ impl CommandHelp {
             ["cargo", "+nightly", "miri", "test", "-p", package, ..] => {
                 self.exists(package.trim_start_matches("belfry-"))
             }
-            ["packaging/deb.sh" | "packaging/archive.sh" | "packaging/release.sh", ..] => self.exists(words[0]),
+            [script, ..] if script.starts_with("packaging/") => self.exists(script),
+            ["tests/other-systems"] => self.exists(words[0]),
+            ["python3", "-m", "pip", "install", _] => Ok(()),
             ["cargo", "build", "--release"]
             | ["cargo", "run"]
             | ["cargo", "install", "probe-rs-tools" | "cargo-fuzz"]
