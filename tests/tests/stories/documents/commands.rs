@@ -8,8 +8,8 @@ use std::sync::Mutex;
 use belfry_tests::belfry_command;
 
 /// Programs of other people, whose options are their affair.
-const FOREIGN: [&str; 11] =
-    ["probe-rs", "rm", "rustup", "qemu-system-arm", "git", "$EDITOR", "docker", "sudo", "tar", "nats-server", "id"];
+const FOREIGN: [&str; 10] =
+    ["probe-rs", "rm", "rustup", "qemu-system-arm", "git", "$EDITOR", "docker", "sudo", "tar", "nats-server"];
 
 /// The help of belfry's commands and of the studies, asked for once each.
 pub(crate) struct CommandHelp {
