@@ -18,8 +18,10 @@ use super::matrices::{ImportedMatrices, WholeMatrices, entry};
 use super::sensing::Sensing;
 use super::sensitivity::Change;
 
-/// A force is none up to this share of what K's largest stiffness makes of the motion.
-const NO_FORCE: f64 = 1e-9;
+/// A force is none up to this share of what K's largest stiffness makes of the motion: matrices are written with five digits and more.
+const NO_FORCE: f64 = 1e-4;
+/// No first storey is so many times as high as the second.
+const HIGH_STOREYS: f64 = 4.0;
 /// Buildings, bridges and towers weigh 20 to 700 kg per m³ of the box around them, whose sides are taken as no less than a twentieth of the
 /// longest: so many tonnes.
 const TONNES_PER_M3: [f64; 2] = [0.02, 0.7];
@@ -293,10 +295,16 @@ impl Assembly {
         Some(motions)
     }
 
-    /// Height of the ground: of the lowest node where nothing of it moves, else 0, or that node where it is lower.
+    /// Height of the ground: of the lowest node where nothing of it moves. Where the model leaves that out, 0, if that is less than
+    /// [`HIGH_STOREYS`] spans below the lowest node; else heights are above some other level, and it is one span below.
     pub(super) fn ground_m(&self) -> f64 {
+        let lowest_m = self.z_base_m();
         let is_free = self.node_rows().first().is_some_and(|rows| rows.iter().any(Option::is_some));
-        if is_free { self.z_base_m().min(0.0) } else { self.z_base_m() }
+        if !is_free {
+            return lowest_m;
+        }
+        let span_m = self.node_elevations_m().first().map_or(0.0, |second_m| second_m - lowest_m);
+        if lowest_m > 0.0 && lowest_m < HIGH_STOREYS * span_m { 0.0 } else { lowest_m - span_m }
     }
 
     /// Whether nodes stand above each other, and the lowest that move are all that is tied to the ground.

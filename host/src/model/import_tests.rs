@@ -415,6 +415,12 @@ fn sparse_matrices_are_read_from_every_programs_files() {
         let read = ImportedMatrices::read(&files(file, file, None), folder.path());
         assert_eq!(read.unwrap_or_else(|error| panic!("{file}: {error}")).stiffness, expected, "{file}");
     }
+    // A header that has lost a sign is no comment above lines without one.
+    let market = fs::read_to_string(at("market.mtx")).unwrap();
+    fs::write(at("damaged.mtx"), &market[1..]).unwrap();
+    let error =
+        ImportedMatrices::read(&files("damaged.mtx", "damaged.mtx", None), folder.path()).unwrap_err().to_string();
+    assert!(error.contains("damaged.mtx") && error.contains("begins with %%MatrixMarket"), "{error}");
     // A mass that the last rows do not have.
     fs::write(at("light.mas"), "1 1 1.0\n2 2 1.0\n").unwrap();
     let light = ImportedMatrices::read(&files("calculix.sti", "light.mas", None), folder.path()).unwrap();

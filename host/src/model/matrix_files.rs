@@ -46,6 +46,12 @@ pub(super) fn read(
         (Some("mtx"), _) => {
             let text = text()?;
             let has_header = text.get(..HEADER.len()).is_some_and(|start| start.eq_ignore_ascii_case(HEADER));
+            let names_it = |line: &str| line.to_ascii_lowercase().contains("matrixmarket");
+            if !has_header && text.lines().next().is_some_and(names_it) {
+                return Err(unreadable(format!(
+                    "its first line is no header of Matrix Market, which begins with {HEADER}"
+                )));
+            }
             let read = if has_header || text.trim().is_empty() {
                 matrix_market(&text)
             } else if is_by_nodes(&text) {

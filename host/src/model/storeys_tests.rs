@@ -187,3 +187,35 @@ fn what_is_no_model_of_storeys_is_told_so() {
         assert!(error(&braced, word).contains("needs a base") || error(&braced, word).contains("a model of storeys"));
     }
 }
+
+/// Matrices as programs write them, with five digits, are the same model.
+#[test]
+fn a_few_digits_are_enough() {
+    let mut line = frame(&SHEARS_N_M.map(|stiffness| stiffness * 1.234_567_8), &MASSES_KG, 1);
+    if let super::Body::Matrices(matrices) = &mut line.body {
+        matrices.stiffness.apply(|entry| *entry = format!("{entry:.4e}").parse().unwrap());
+    }
+    for word in ["base-rotation=1e-11", "base-translation=1e-9", "overall-bending=0.1", "p-delta=1"] {
+        assert!(line.clone().and(&[word.parse().unwrap()]).is_ok(), "{word}");
+    }
+}
+
+/// Heights may be above any level, and the ground may be left out: storeys of 3 m stand where they stand.
+#[test]
+fn heights_are_above_the_ground_whatever_they_are_measured_from() {
+    let line = frame(&SHEARS_N_M, &MASSES_KG, 1);
+    let moved = |by_m: f64, has_ground: bool| {
+        let mut moved = line.clone();
+        if let super::Body::Matrices(matrices) = &mut moved.body {
+            matrices.nodes.iter_mut().for_each(|node| node.position_m[2] += by_m);
+            matrices.nodes.drain(..usize::from(!has_ground));
+        }
+        moved
+    };
+    for word in ["overall-bending=0.1", "base-rotation=3e-11", "p-delta=1"] {
+        let expected = with(&line, word);
+        for (by_m, has_ground) in [(0.0, false), (100.0, true), (100.0, false), (-3.0, false), (-20.0, false)] {
+            assert!(are_equal(&with(&moved(by_m, has_ground), word), &expected, 1e-9), "{word}, {by_m}, {has_ground}");
+        }
+    }
+}

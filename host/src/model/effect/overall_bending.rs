@@ -16,7 +16,7 @@ const ABOUT: About = About {
          shorter, those on the other longer. Storey stiffnesses that were taken from the sway under a load have both in one: right for that \
          load, too soft for higher modes.",
     formula: "K becomes (K_s^-1 + c F)^-1: F sways of a cantilever of EI = 1, c = share u(top) / (F m z)(top) with u the sway of the storeys \
-         under loads m z, and K_s storeys of shear / (drift - c bending's drift), which leaves u what it was",
+         under loads m z, and K_s storeys of shear / (drift - c bending's drift), which leaves u what it was until a storey is ten times as stiff, its limit",
     fingerprint: "frequencies of higher modes too low in the model, the more the higher, while the first is nearly right; upper storeys look \
          stiffer than drawn, lower ones softer",
     look_alikes: &[
