@@ -237,6 +237,9 @@ pub(super) fn tell_verdict(diagnosis: &Diagnosis, console: &Console) {
                 "Verdict: adequate. The model misses more than its tolerance says, but no effect accounts for that.",
             );
         }
+        Verdict::Adequate if diagnosis.discrepancy.missed_in_words().is_some() => {
+            console.say("Verdict: adequate. The model explains the measurement within its tolerance and what it misses besides; no effect is called for.");
+        }
         Verdict::Adequate => {
             console.say("Verdict: adequate. The model explains the measurement within its tolerance, and no effect is called for.");
         }

@@ -105,6 +105,9 @@ fn verdict(sources: &Sources<'_>) -> Option<String> {
         candidates.filter(|one| name_of(one).as_deref() == Some(name)).find_map(|one| one.get("probability")?.as_f64())
     };
     let p_value = |test: &str| diagnosis.get(test)?.get("p_value")?.as_f64();
+    let missed = |size: &str| diagnosis.get("discrepancy").and_then(|sizes| sizes.get(size)).and_then(Value::as_f64);
+    let misses_more =
+        ["frequency", "family", "shape", "smooth"].iter().any(|size| missed(size).is_some_and(|size| size > 0.0));
     let in_percent = |probability: f64| match 100.0 * probability {
         sure if sure > 99.0 => "more than 99 %".to_owned(),
         percent => format!("{percent:.0} %"),
@@ -112,6 +115,9 @@ fn verdict(sources: &Sources<'_>) -> Option<String> {
     Some(match diagnosis.get("verdict")?.as_str()? {
         "adequate" if p_value("present").is_some_and(|p_value| p_value < FAILS) => {
             "The model misses more than its tolerance says, but no effect accounts for that.".to_owned()
+        }
+        "adequate" if misses_more => {
+            "The model explains the measurement within its tolerance and what it misses besides; no effect is called for.".to_owned()
         }
         "adequate" => "The model explains the measurement within its tolerance; no effect is called for.".to_owned(),
         "effect" => {
