@@ -21,7 +21,7 @@ const LOCK_FILE: &str = ".belfry-heartbeats-lock";
 /// Heartbeats that wait while the file cannot be written: a day of one node's. Then the oldest go.
 const MOST_WAITING: usize = 720;
 /// No line that a heartbeat makes is as long.
-const LONGEST_LINE: u64 = 4096;
+pub(crate) const LONGEST_LINE: u64 = 4096;
 
 /// A heartbeat, as it is kept.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -176,8 +176,8 @@ fn each_line(folder: &Path, mut on_line: impl FnMut(&[u8])) -> io::Result<()> {
     let mut reader = BufReader::new(file);
     let mut line = Vec::new();
     loop {
-        line.clear();
-        if reader.by_ref().take(LONGEST_LINE).read_until(b'\n', &mut line)? == 0 {
+        read_line(&mut reader, &mut line)?;
+        if line.is_empty() {
             return Ok(());
         }
         let whole = line.strip_suffix(b"\n").unwrap_or(&line);
@@ -185,6 +185,12 @@ fn each_line(folder: &Path, mut on_line: impl FnMut(&[u8])) -> io::Result<()> {
             on_line(whole);
         }
     }
+}
+
+/// Reads a line with its end, or as much of it as a heartbeat can have; nothing at the end of the file.
+pub(crate) fn read_line(reader: &mut impl BufRead, line: &mut Vec<u8>) -> io::Result<()> {
+    line.clear();
+    reader.take(LONGEST_LINE).read_until(b'\n', line).map(drop)
 }
 
 /// Drops the heartbeats of the study in `folder` that came before `before` (and lines that are none); how many lines. `dry_run` only counts them.

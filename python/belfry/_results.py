@@ -97,7 +97,10 @@ class Modes:
         for row, mode in enumerate(modes):
             for component in mode["shape"] or ():
                 place = places[component["channel"], component["point"]]
-                shapes[row, place] = complex(_number(component["re"]), _number(component["im"]))
+                real, imaginary = component["re"], component["im"]
+                # What another program has identified may be real.
+                is_real = imaginary is None and real is not None
+                shapes[row, place] = complex(_number(real), 0.0 if is_real else _number(imaginary))
                 shape_stds[row, place] = _number(component.get("std"))
         return cls(
             numbers=_integers(mode["number"] for mode in modes),

@@ -7,11 +7,11 @@ use anyhow::{Context, anyhow};
 use belfry_host::fleet::FleetOptions;
 use belfry_host::identify::accuracy::{Wish, record_needed};
 use belfry_host::model::effect;
-use belfry_host::modes::MeasuredModes;
+use belfry_host::modes::as_reported;
 use belfry_host::progress::OnProgress;
 use belfry_host::results::{MODES_FILE, Versioned};
 use belfry_host::story::{self, IdentifyRequest, Method, Project, Route};
-use belfry_host::study::{Direction, Sensor, Study};
+use belfry_host::study::{Direction, Study};
 use belfry_host::update::Weights;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -142,40 +142,12 @@ pub(crate) fn modes<'py>(py: Python<'py>, path: PathBuf) -> PyResult<Bound<'py, 
         let (study, sensors) = (project.study(), project.study().sensors());
         let measured = story::measured_modes(study, &sensors)?;
         let (file, report) = match study.measured {
-            Some(_) => (None, Some(measured_elsewhere(&measured, &sensors))),
+            Some(_) => (None, Some(json!({ "modes": as_reported(&measured.modes, &sensors), "warnings": [] }))),
             None => (Some(project.results().path(MODES_FILE)), None),
         };
         Ok(json!({ "file": file, "report": report, "warnings": measured.warnings }))
     })?;
     in_python(py, &report)
-}
-
-/// What is known of modes that another program has identified, under the names that a report has for it.
-fn measured_elsewhere(measured: &MeasuredModes, sensors: &[Sensor]) -> Value {
-    let modes = measured.modes.iter().map(|mode| {
-        let components = mode.shape.iter().flat_map(|shape| {
-            shape.sensors.iter().enumerate().filter_map(|(row, &sensor)| {
-                let sensor = sensors.get(sensor)?;
-                let imaginary = shape.imaginary.as_ref().map_or(0.0, |imaginary| imaginary[row]);
-                Some(json!({
-                    "channel": sensor.channel,
-                    "point": sensor.point,
-                    "re": shape.values[row],
-                    "im": imaginary,
-                    "std": shape.stds.as_ref().map(|stds| stds[row]),
-                }))
-            })
-        });
-        json!({
-            "number": mode.number,
-            "frequency_hz": mode.frequency_hz,
-            "frequency_std_hz": mode.frequency_std_hz,
-            "damping_ratio": mode.damping_ratio,
-            "damping_ratio_std": mode.damping_ratio_std,
-            "shape": components.collect::<Vec<_>>(),
-        })
-    });
-    json!({ "modes": modes.collect::<Vec<_>>(), "warnings": [] })
 }
 
 /// `belfry compare`.

@@ -4,7 +4,7 @@
 
 use belfry_shared::message::{Configuration, WindowName};
 use belfry_shared::time::HostTime;
-use rusqlite::{OptionalExtension, params};
+use rusqlite::params;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
@@ -120,11 +120,7 @@ impl Archive {
     /// # Errors
     /// Where the archive cannot be read.
     pub fn row_of(&self, name: &WindowName) -> Result<Option<i64>, ArchiveError> {
-        let query = "SELECT id FROM window WHERE node = ?1 AND boot = ?2 AND number = ?3";
-        let row = self.connection.prepare_cached(query).and_then(|mut statement| {
-            statement.query_row(params![name.node, name.boot, name.number], |row| row.get(0)).optional()
-        });
-        row.map_err(|source| self.failed(source))
+        self.of_window(name, "id")
     }
 
     /// Keeps a window of another archive; one that is kept already stays as it is.

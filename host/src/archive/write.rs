@@ -2,6 +2,7 @@
 
 use belfry_shared::message::{Configuration, Summary, WindowName};
 use belfry_shared::time::{HostTime, WindowGrid};
+use rusqlite::types::FromSql;
 use rusqlite::{Connection, ErrorCode, OptionalExtension, Transaction, TransactionBehavior, params};
 
 use super::checksum::{Kind, seal, seal_window};
@@ -140,11 +141,16 @@ impl Archive {
     /// # Errors
     /// Where the database cannot be read.
     pub fn start(&self, name: &WindowName) -> Result<Option<u64>, ArchiveError> {
-        let query = "SELECT grid_index FROM window WHERE node = ?1 AND boot = ?2 AND number = ?3";
-        let start = self.connection.prepare_cached(query).and_then(|mut statement| {
+        self.of_window(name, "grid_index")
+    }
+
+    /// A column of a window's row; `None` where it is not kept.
+    pub(super) fn of_window<T: FromSql>(&self, name: &WindowName, column: &str) -> Result<Option<T>, ArchiveError> {
+        let query = format!("SELECT {column} FROM window WHERE node = ?1 AND boot = ?2 AND number = ?3");
+        let value = self.connection.prepare_cached(&query).and_then(|mut statement| {
             statement.query_row(params![name.node, name.boot, name.number], |row| row.get(0)).optional()
         });
-        start.map_err(|source| self.failed(source))
+        value.map_err(|source| self.failed(source))
     }
 
     /// Keeps a window; it is on the disk when this returns. A window that is kept already is left as it is.

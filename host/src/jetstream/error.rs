@@ -3,9 +3,11 @@
 use std::io;
 use std::path::PathBuf;
 
+use serde::de::DeserializeOwned;
 use thiserror::Error;
 
 use crate::archive::{ArchiveError, PackedError};
+use crate::link::with_cause;
 use crate::results::ResultsError;
 use crate::study::StudyError;
 
@@ -73,6 +75,9 @@ pub enum StreamError {
         /// Why, and what to do.
         why: String,
     },
+    /// The system gives no threads, no random numbers or no folder for what passes.
+    #[error("this computer gives a worker or a gateway no place to run")]
+    System(#[source] io::Error),
     /// A file cannot be read or written.
     #[error("{}", file.display())]
     File {
@@ -105,32 +110,25 @@ impl StreamError {
     /// The server has failed at something.
     pub(super) fn server(what: impl Into<String>) -> impl FnOnce(Box<dyn std::error::Error + Send + Sync>) -> Self {
         let what = what.into();
-        move |error| Self::Server { what, why: with_causes(&*error) }
+        move |error| Self::Server { what, why: with_cause(&*error) }
+    }
+
+    /// Reads an object of the server's as JSON.
+    pub(super) fn read<T: DeserializeOwned>(what: impl Into<String>, json: &[u8]) -> Result<T, Self> {
+        serde_json::from_slice(json).map_err(|error| Self::Odd { what: what.into(), why: error.to_string() })
     }
 
     /// Whether it may pass by itself: the server is away, or another worker was quicker.
     pub fn may_pass(&self) -> bool {
         match self {
             Self::Archive(error) => error.may_pass(),
-            Self::Credentials { .. } | Self::Unfit { .. } | Self::Study(_) | Self::Results(_) | Self::File { .. } => {
-                false
-            }
+            Self::Credentials { .. }
+            | Self::Unfit { .. }
+            | Self::Study(_)
+            | Self::Results(_)
+            | Self::System(_)
+            | Self::File { .. } => false,
             _ => true,
         }
     }
-}
-
-/// An error and its causes in one line.
-pub(super) fn with_causes(error: &(dyn std::error::Error + 'static)) -> String {
-    let mut said = error.to_string();
-    let mut next = error.source();
-    while let Some(cause) = next {
-        let cause_said = cause.to_string();
-        if !said.contains(&cause_said) {
-            said += ": ";
-            said += &cause_said;
-        }
-        next = cause.source();
-    }
-    said
 }

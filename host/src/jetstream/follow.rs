@@ -6,7 +6,8 @@
 use std::ops::ControlFlow;
 use std::sync::Arc;
 
-use async_nats::jetstream::kv::UpdateErrorKind;
+use async_nats::jetstream::kv::{Entry, UpdateErrorKind};
+use async_nats::jetstream::message::StreamMessage;
 use belfry_shared::time::HostTime;
 use bytes::Bytes;
 use serde::{Deserialize, Serialize};
@@ -103,7 +104,7 @@ impl Followed {
         let (structure, _) = structure::read(server, key)
             .await?
             .ok_or_else(|| StreamError::Odd { what: key.to_owned(), why: "it has no entry".to_owned() })?;
-        let folder = tempfile::tempdir().map_err(|source| StreamError::File { file: std::env::temp_dir(), source })?;
+        let folder = tempfile::tempdir().map_err(StreamError::System)?;
         structure::study_of(server, key).await?.unpack(folder.path())?;
         let mut study = Study::load(folder.path())?;
         // Readings of a station that were there when the study was added say nothing of today.
@@ -112,17 +113,12 @@ impl Followed {
         let reference: Option<Identification> = Results::of(&study).read_json(REFERENCE_FILE, "watch")?;
         let reference = reference.ok_or_else(|| odd("it has no modes"))?;
         let last = newest(&server.results, &names::results(key)).await?;
-        let result: Option<IntervalResult> =
-            last.as_ref().map(|last| serde_json::from_slice(&last.payload)).transpose().map_err(|error| {
-                StreamError::Odd { what: format!("the newest result of {key}"), why: error.to_string() }
-            })?;
+        let read = |last: &StreamMessage| StreamError::read(format!("the newest result of {key}"), &last.payload);
+        let result: Option<IntervalResult> = last.as_ref().map(read).transpose()?;
         let entry = server.states().await?.entry(key).await;
         let entry = entry.map_err(|error| StreamError::server(format!("the state of {key}"))(error.into()))?;
-        let state: Option<State> = entry
-            .as_ref()
-            .map(|entry| serde_json::from_slice(&entry.value))
-            .transpose()
-            .map_err(|error| StreamError::Odd { what: format!("the state of {key}"), why: error.to_string() })?;
+        let read = |entry: &Entry| StreamError::read(format!("the state of {key}"), &entry.value);
+        let state: Option<State> = entry.as_ref().map(read).transpose()?;
         Ok(Self {
             key: key.to_owned(),
             last_hz: result.as_ref().map_or_else(|| last_seen(&reference, &[]), |result| result.last_hz.clone()),
@@ -274,7 +270,7 @@ fn measured(
     every_s: f64,
     material: &Material,
 ) -> Result<Made, StreamError> {
-    let folder = tempfile::tempdir().map_err(|source| StreamError::File { file: std::env::temp_dir(), source })?;
+    let folder = tempfile::tempdir().map_err(StreamError::System)?;
     let mut archive = Archive::create_passing(folder.path())?;
     let (mut names, mut warnings, mut heartbeats) = (std::collections::BTreeSet::new(), Vec::new(), Vec::new());
     for message in &material.messages {

@@ -18,6 +18,7 @@ use super::heartbeats;
 use super::names::{self, TIME_HEADER};
 use super::position::Position;
 use super::server::{Address, Outgoing, Server, id_of, newest};
+use super::structure::nodes_of;
 use crate::archive::Archive;
 use crate::patience::Patience;
 use crate::study::Study;
@@ -77,18 +78,14 @@ impl Gateway {
     /// # Errors
     /// Where the system gives no thread.
     pub fn start(study: &Study, address: Address) -> Result<Self, StreamError> {
-        let failed = |source| StreamError::File { file: study.folder.clone(), source };
-        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().map_err(failed)?;
+        let runtime =
+            tokio::runtime::Builder::new_current_thread().enable_all().build().map_err(StreamError::System)?;
         let (stop, published) = (Arc::new(AtomicBool::new(false)), Arc::new(AtomicU64::new(0)));
         let (tell, news) = channel();
-        let mut nodes: Vec<u16> =
-            study.setups.iter().flat_map(|setup| &setup.sensors).map(|sensor| sensor.node).collect();
-        nodes.sort_unstable();
-        nodes.dedup();
         let mut publisher = Publisher {
             structure: names::token(&study.structure.name),
             folder: study.folder.clone(),
-            nodes,
+            nodes: nodes_of(study),
             address,
             stop: Arc::clone(&stop),
             published: Arc::clone(&published),
@@ -97,7 +94,7 @@ impl Gateway {
             patience: Patience::default(),
         };
         let thread = std::thread::Builder::new().name("gateway".to_owned());
-        let thread = thread.spawn(move || runtime.block_on(publisher.run())).map_err(failed)?;
+        let thread = thread.spawn(move || runtime.block_on(publisher.run())).map_err(StreamError::System)?;
         Ok(Self { stop, published, news, thread })
     }
 

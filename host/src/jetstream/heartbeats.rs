@@ -1,13 +1,10 @@
 //! The lines of a study's heartbeats that have come since a gateway looked last.
 
-use std::fs::File;
-use std::io::{BufRead, BufReader, ErrorKind, Seek, SeekFrom};
+use std::io::{BufReader, ErrorKind, Seek, SeekFrom};
 use std::path::Path;
 
-use crate::heartbeats::{HEARTBEATS_FILE, KeptHeartbeat};
-
-/// No line that a heartbeat makes is as long.
-const LONGEST_LINE: u64 = 4096;
+use crate::files::open_plain;
+use crate::heartbeats::{HEARTBEATS_FILE, KeptHeartbeat, LONGEST_LINE, read_line};
 
 /// A heartbeat, the line that it is kept as, and where in the file that ends.
 pub(super) struct Line {
@@ -25,7 +22,7 @@ impl Line {
 
 /// The heartbeats behind so many bytes, `most` at most. Where the file was cut, for it was pruned, it is read from its beginning.
 pub(super) fn following(folder: &Path, after: u64, most: usize) -> std::io::Result<Vec<Line>> {
-    let mut file = match File::open(folder.join(HEARTBEATS_FILE)) {
+    let mut file = match open_plain(&folder.join(HEARTBEATS_FILE)) {
         Err(error) if error.kind() == ErrorKind::NotFound => return Ok(Vec::new()),
         file => file?,
     };
@@ -35,7 +32,7 @@ pub(super) fn following(folder: &Path, after: u64, most: usize) -> std::io::Resu
     let mut lines = Vec::new();
     while lines.len() < most {
         let mut text = Vec::new();
-        std::io::Read::take(&mut reader, LONGEST_LINE).read_until(b'\n', &mut text)?;
+        read_line(&mut reader, &mut text)?;
         // What has no end is still being written.
         if text.last() != Some(&b'\n') && (text.len() as u64) < LONGEST_LINE {
             break;

@@ -23,21 +23,26 @@ pub(super) struct Incoming {
     pub(super) subject: String,
     /// Its place in the stream.
     pub(super) sequence: u64,
-    /// How many this reader has got with it.
-    pub(super) count: u64,
     /// The time that it is of, in µs of Unix time, where it says so.
     pub(super) time_us: Option<i64>,
     pub(super) payload: Bytes,
 }
 
 impl Incoming {
-    pub(super) fn of(message: &Message) -> Result<Self, StreamError> {
+    /// The message behind `count` others of its reader, which it is counted to.
+    ///
+    /// # Errors
+    /// [`StreamError::Gone`] where one is missing: what was on its way when the connection was interrupted does not come again.
+    pub(super) fn behind(count: &mut u64, message: &Message) -> Result<Self, StreamError> {
         let info = message.info().map_err(StreamError::server("a message"))?;
         let time = message.headers.as_ref().and_then(|headers| headers.get(TIME_HEADER));
+        *count += 1;
+        if info.consumer_sequence != *count {
+            return Err(StreamError::Gone);
+        }
         Ok(Self {
             subject: message.subject.to_string(),
             sequence: info.stream_sequence,
-            count: info.consumer_sequence,
             time_us: time.and_then(|time| time.as_str().parse().ok()),
             payload: message.payload.clone(),
         })
@@ -81,12 +86,7 @@ pub(super) async fn each(
         let batch = reader.fetch().max_messages(AT_ONCE).messages().await;
         let mut batch = batch.map_err(|error| failed()(error.into()))?;
         while let Some(message) = batch.next().await {
-            let message = Incoming::of(&message.map_err(failed())?)?;
-            count += 1;
-            // One that was on its way when the connection was interrupted does not come again.
-            if message.count != count {
-                return Err(StreamError::Gone);
-            }
+            let message = Incoming::behind(&mut count, &message.map_err(failed())?)?;
             if on_message(message)?.is_break() {
                 break 'all;
             }

@@ -18,8 +18,9 @@ use async_nats::{Client, ConnectOptions, Event, HeaderMap};
 use bytes::Bytes;
 use url::Url;
 
-use super::error::{StreamError, with_causes};
+use super::error::StreamError;
 use super::names::{DATA, DATA_SUBJECTS, RESULTS, RESULTS_SUBJECTS, STATES, STRUCTURES, STUDIES, WORKERS};
+use crate::link::with_cause;
 
 /// How long an answer is waited for.
 const ANSWER: Duration = Duration::from_secs(5);
@@ -118,7 +119,7 @@ impl Server {
             options = options.add_root_certificates(file.clone());
         }
         let servers: Vec<String> = address.servers.iter().map(Url::to_string).collect();
-        let client = options.connect(servers).await.map_err(|error| failed(with_causes(&error)))?;
+        let client = options.connect(servers).await.map_err(|error| failed(with_cause(&error)))?;
         let mut context = jetstream::new(client.clone());
         context.set_timeout(ANSWER);
         let replicas = address.replicas;

@@ -92,7 +92,7 @@ pub(super) async fn session(
             send
         })
         .collect();
-    let mut share = Share { me, lanes, held: BTreeMap::new(), told: None };
+    let mut share = Share { me, lanes, held: BTreeMap::new(), looked_at: 0, told: None };
     let (mut count, mut tick) = (0, tokio::time::interval(TICK));
     let mut look = tokio::time::interval(LOOK);
     tick.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
@@ -101,13 +101,7 @@ pub(super) async fn session(
         tokio::select! {
             message = live.next() => {
                 let message = message.ok_or(StreamError::Gone)?.map_err(|error| StreamError::server("reading what comes")(error.into()))?;
-                let message = Incoming::of(&message)?;
-                count += 1;
-                // One that was on its way when the connection was interrupted does not come again.
-                if message.count != count {
-                    return Err(StreamError::Gone);
-                }
-                share.take(&message);
+                share.take(&Incoming::behind(&mut count, &message)?);
             }
             outcome = outcomes.recv() => {
                 if let Some(outcome) = outcome {
@@ -154,6 +148,8 @@ struct Share<'a> {
     me: &'a str,
     lanes: Vec<UnboundedSender<Job>>,
     held: BTreeMap<String, Held>,
+    /// The newest change of the bucket of structures that was looked at.
+    looked_at: u64,
     told: Option<(usize, usize, usize)>,
 }
 
@@ -165,6 +161,9 @@ impl Share<'_> {
         workers: &Store,
         tell: &mut dyn FnMut(WorkNews),
     ) -> Result<(), StreamError> {
+        let info = structures.stream.get_info().await;
+        let newest = info.map_err(|error| StreamError::server("the bucket of structures")(error.into()))?;
+        let newest = newest.state.last_sequence;
         let alive = keys(workers).await?;
         let all = keys(structures).await?;
         let alive: Vec<&str> = alive.iter().map(String::as_str).collect();
@@ -176,6 +175,10 @@ impl Share<'_> {
         }
         let counts = (own.len(), all.len(), alive.len());
         for key in own {
+            // As long as the bucket has not changed, none of its entries has.
+            if newest == self.looked_at && self.held.contains_key(key) {
+                continue;
+            }
             let entry = structures.entry(key).await;
             let entry = entry.map_err(|error| StreamError::server(format!("the entry of {key}"))(error.into()))?;
             let Some(revision) = entry.map(|entry| entry.revision) else { continue };
@@ -184,6 +187,7 @@ impl Share<'_> {
                 self.send(key, Job::Take(key.clone(), revision));
             }
         }
+        self.looked_at = newest;
         if self.told.replace(counts) != Some(counts) {
             let (own, all, workers) = counts;
             tell(WorkNews::Share { own, all, workers });

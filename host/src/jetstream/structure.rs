@@ -73,10 +73,9 @@ pub fn add(address: &Address, to_add: &ToAdd<'_>) -> Result<Added, StreamError> 
     if !setup.live {
         return Err(unfit("its setup is a recording: a fleet follows what nodes send (`live = true`)"));
     }
-    let nodes: BTreeSet<u16> = setup.sensors.iter().map(|sensor| sensor.node).collect();
     let structure = Structure {
         name: study.structure.name.clone(),
-        nodes: nodes.into_iter().collect(),
+        nodes: nodes_of(study),
         every_s: every.as_secs_f64(),
         settings,
     };
@@ -88,8 +87,7 @@ pub fn add(address: &Address, to_add: &ToAdd<'_>) -> Result<Added, StreamError> 
     let found = found.filter(|found| !found.modes.is_empty());
     let found = found.ok_or_else(|| unfit("it has no modes to follow yet; `belfry identify` finds them"))?;
     let key = names::token(&structure.name);
-    let failed = |source| StreamError::File { file: study.folder.clone(), source };
-    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().map_err(failed)?;
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().map_err(StreamError::System)?;
     runtime.block_on(async {
         let server = Server::connect(address).await?;
         let known = read(&server, &key).await?.map(|(structure, _)| structure);
@@ -120,15 +118,18 @@ pub fn add(address: &Address, to_add: &ToAdd<'_>) -> Result<Added, StreamError> 
     })
 }
 
+/// The nodes of a study, in their order.
+pub(super) fn nodes_of(study: &Study) -> Vec<u16> {
+    let sensors = study.setups.iter().flat_map(|setup| &setup.sensors);
+    sensors.map(|sensor| sensor.node).collect::<BTreeSet<u16>>().into_iter().collect()
+}
+
 /// A structure, and the revision of its entry; `None` where it was not added.
 pub(super) async fn read(server: &Server, key: &str) -> Result<Option<(Structure, u64)>, StreamError> {
     let entry = server.structures().await?.entry(key).await;
     let entry = entry.map_err(|error| StreamError::server(format!("the entry of {key}"))(error.into()))?;
     let Some(entry) = entry.filter(|entry| !entry.value.is_empty()) else { return Ok(None) };
-    let structure = serde_json::from_slice(&entry.value);
-    let structure =
-        structure.map_err(|error| StreamError::Odd { what: format!("the entry of {key}"), why: error.to_string() })?;
-    Ok(Some((structure, entry.revision)))
+    Ok(Some((StreamError::read(format!("the entry of {key}"), &entry.value)?, entry.revision)))
 }
 
 /// The study of a structure.

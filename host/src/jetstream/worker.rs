@@ -65,10 +65,10 @@ pub enum WorkNews {
 /// # Errors
 /// Where nothing can come of trying again: the credentials are none, or the system gives no threads.
 pub fn work(address: &Address, stop: &AtomicBool, tell: &mut dyn FnMut(WorkNews)) -> Result<(), StreamError> {
-    let failed = |source| StreamError::File { file: std::env::temp_dir(), source };
-    let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build().map_err(failed)?;
+    let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build();
+    let runtime = runtime.map_err(StreamError::System)?;
     let mut random = [0; 8];
-    getrandom::fill(&mut random).map_err(|error| failed(error.into()))?;
+    getrandom::fill(&mut random).map_err(|error| StreamError::System(error.into()))?;
     let me = format!("{:016x}", u64::from_ne_bytes(random));
     let (start, mut patience) = (Instant::now(), Patience::default());
     let outcome = runtime.block_on(async {

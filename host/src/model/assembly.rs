@@ -278,16 +278,14 @@ impl Assembly {
         if self.is_in_other_coordinates() {
             return None;
         }
-        let nodes = self.line()?.node_rows();
-        let heights_m = std::iter::once(self.z_base_m()).chain(self.node_elevations_m());
-        let ground_m = self.ground_m();
+        self.line()?;
         let mut motions = DMatrix::zeros(self.dofs(), DOFS_A_NODE);
-        for (rows, z_m) in nodes.iter().zip(heights_m) {
+        for (rows, height_m) in self.nodes_above_ground() {
             for (dof, row) in rows.iter().enumerate().filter_map(|(dof, row)| Some((dof, (*row)?))) {
                 motions[(row, dof)] = 1.0;
                 match dof {
-                    0 => motions[(row, 3)] = z_m - ground_m,
-                    1 => motions[(row, 2)] = ground_m - z_m,
+                    0 => motions[(row, 3)] = height_m,
+                    1 => motions[(row, 2)] = -height_m,
                     _ => {}
                 }
             }
@@ -295,9 +293,16 @@ impl Assembly {
         Some(motions)
     }
 
+    /// Rows of each node, the lowest first, and its height above the ground in m.
+    pub(super) fn nodes_above_ground(&self) -> impl Iterator<Item = (&[Option<usize>; DOFS_A_NODE], f64)> {
+        let ground_m = self.ground_m();
+        let heights_m = std::iter::once(self.z_base_m()).chain(self.node_elevations_m());
+        self.node_rows().iter().zip(heights_m.map(move |z_m| z_m - ground_m))
+    }
+
     /// Height of the ground: of the lowest node where nothing of it moves. Where the model leaves that out, 0, if that is less than
     /// [`HIGH_STOREYS`] spans below the lowest node; else heights are above some other level, and it is one span below.
-    pub(super) fn ground_m(&self) -> f64 {
+    fn ground_m(&self) -> f64 {
         let lowest_m = self.z_base_m();
         let is_free = self.node_rows().first().is_some_and(|rows| rows.iter().any(Option::is_some));
         if !is_free {

@@ -27,17 +27,13 @@ pub struct Storeys {
 
 impl Storeys {
     /// Of motion along X (0) or Y (1); `None` where floors do not hold each other by shear alone, or their heights are not known.
-    ///
-    /// The ground is where [`Assembly::ground_m`] has it.
     pub(super) fn along(direction: usize, assembly: &Assembly) -> Option<Self> {
         let nodes = assembly.node_rows();
         // Floors that turn about X or Y have more than shear between them.
         if assembly.is_in_other_coordinates() || nodes.iter().any(|rows| rows[2].is_some() || rows[3].is_some()) {
             return None;
         }
-        let ground_m = assembly.ground_m();
-        let heights_m = std::iter::once(assembly.z_base_m()).chain(assembly.node_elevations_m());
-        let floors = nodes.iter().zip(heights_m).filter_map(|(rows, z_m)| Some((rows[direction]?, z_m - ground_m)));
+        let floors = assembly.nodes_above_ground().filter_map(|(rows, height_m)| Some((rows[direction]?, height_m)));
         let (rows, heights_m): (Vec<usize>, Vec<f64>) = floors.unzip();
         let count = rows.len();
         if count < 2 {

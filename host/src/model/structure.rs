@@ -113,7 +113,8 @@ impl Structure {
     /// What a relative change of each group does to K and M, group by group; `here` is this structure, assembled.
     pub fn group_changes(&self, here: &Assembly) -> Vec<Change> {
         let factors = self.factors();
-        let reshapes = self.contributions.iter().any(|contribution| contribution.reshapes()) || !self.base().is_none();
+        // A base under matrices gives way last, whatever was added to K.
+        let reshapes = self.reshapes() || matches!(self.body, Body::Matrices(_)) && !self.base().is_none();
         let change = |(group, _): (&Custom, GroupTerms)| {
             if let Some(change) = group.constant_change(&factors).filter(|_| !reshapes) {
                 return change;
@@ -130,6 +131,11 @@ impl Structure {
     pub(super) fn amount_of(&self, name: &str) -> f64 {
         let amounts = self.contributions.iter().filter_map(|contribution| contribution.amount_of());
         amounts.filter(|(other, _)| *other == name).map(|(_, amount)| amount).sum()
+    }
+
+    /// Whether K as a whole follows from what is added to it: in a model of storeys, as beams carry out the same segment by segment.
+    fn reshapes(&self) -> bool {
+        matches!(self.body, Body::Matrices(_)) && self.contributions.iter().any(|contribution| contribution.reshapes())
     }
 
     /// How many contributions are dampers.
@@ -241,7 +247,7 @@ impl Structure {
             contribution.add_matrices(&mut assembly);
         }
         let factors = self.factors();
-        if self.contributions.iter().any(|contribution| contribution.reshapes()) {
+        if self.reshapes() {
             let storeys = [0, 1].map(|direction| Storeys::along(direction, &assembly));
             for contribution in &self.contributions {
                 contribution.reshape(&storeys, &mut assembly, &factors);

@@ -4,9 +4,11 @@ use std::path::Path;
 
 use num_complex::Complex64;
 use serde::Deserialize;
+use serde_json::{Value, json};
 
 use super::channel::{known_channels, sensor_named};
 use super::error::MeasuredError;
+use super::measured::MeasuredMode;
 use super::shape::{RawComponent, RawMode};
 use crate::identify::CovarianceFactor;
 use crate::study::Sensor;
@@ -89,4 +91,30 @@ pub(super) fn modes(path: &Path, text: &str, sensors: &[Sensor]) -> Result<Vec<R
         })
     };
     file.modes.into_iter().enumerate().map(mode).collect()
+}
+/// Modes over these sensors under the names that a report of `belfry identify` has for what is known of them.
+pub fn as_reported(modes: &[MeasuredMode], sensors: &[Sensor]) -> Value {
+    let mode = |mode: &MeasuredMode| {
+        let shape = mode.shape.iter().flat_map(|shape| {
+            shape.sensors.iter().enumerate().map(|(row, &sensor)| {
+                let sensor = sensors.get(sensor);
+                json!({
+                    "channel": sensor.map(|sensor| &sensor.channel),
+                    "point": sensor.map(|sensor| &sensor.point),
+                    "re": shape.values[row],
+                    "im": shape.imaginary.as_ref().map(|imaginary| imaginary[row]),
+                    "std": shape.stds.as_ref().map(|stds| stds[row]),
+                })
+            })
+        });
+        json!({
+            "number": mode.number,
+            "frequency_hz": mode.frequency_hz,
+            "frequency_std_hz": mode.frequency_std_hz,
+            "damping_ratio": mode.damping_ratio,
+            "damping_ratio_std": mode.damping_ratio_std,
+            "shape": shape.collect::<Vec<Value>>(),
+        })
+    };
+    modes.iter().map(mode).collect()
 }

@@ -24,6 +24,7 @@ pub use computed::{ComputedModes, read_computed};
 pub use drawn::DrawnErrors;
 pub(crate) use drawn::normals;
 pub use error::MeasuredError;
+pub use json::as_reported;
 pub(crate) use measured::{CLOSE, WRONG_BY, WRONGLY_IDENTIFIED};
 pub use measured::{MeasuredCovarianceFactor, MeasuredMode, MeasuredModes, MeasuredShape};
 use shape::RawMode;

@@ -17,6 +17,7 @@ use crate::archive::{Archive, NodeHealth};
 use crate::compare::{Comparison, ModelView, compare, pair};
 use crate::model::effect::{Effect, EffectRecord};
 use crate::model::{Assembly, LayoutNode};
+use crate::modes::as_reported;
 use crate::results::{
     CHANGE_FILE, COMPARISON_FILE, COVALIDATION_FILE, DIAGNOSIS_FILE, FINGERPRINTS_FILE, INPUTS_FILE, MODES_FILE,
     PROFILE_FILE, RECORD_FILE, Results, SPECTRA_FILE, STABILISATION_FILE, UPDATE_FILE,
@@ -344,27 +345,8 @@ fn mac_of(what: &'static str, case: &Case, view: &ModelView) -> Option<MacMatrix
 
 /// Modes that another tool has identified, as `modes.json` has them.
 fn published_modes(case: &Case) -> Value {
-    let modes = case.measured.modes.iter().map(|mode| {
-        let shape = mode.shape.iter().flat_map(|shape| {
-            shape.sensors.iter().enumerate().map(|(index, &sensor)| {
-                json!({
-                    "channel": case.sensors.get(sensor).map(|sensor| &sensor.channel),
-                    "re": shape.values[index],
-                    "im": shape.imaginary.as_ref().map(|imaginary| imaginary[index]),
-                    "std": shape.stds.as_ref().map(|stds| stds[index]),
-                })
-            })
-        });
-        json!({
-            "number": mode.number,
-            "frequency_hz": mode.frequency_hz,
-            "frequency_std_hz": mode.frequency_std_hz,
-            "damping_ratio": mode.damping_ratio,
-            "damping_ratio_std": mode.damping_ratio_std,
-            "shape": shape.collect::<Vec<Value>>(),
-        })
-    });
-    rounded(json!({ "modes": modes.collect::<Vec<Value>>(), "harmonics": [], "rejected": [], "warnings": [] }))
+    let modes = as_reported(&case.measured.modes, &case.sensors);
+    rounded(json!({ "modes": modes, "harmonics": [], "rejected": [], "warnings": [] }))
 }
 
 fn study_value(study: &Study) -> Value {

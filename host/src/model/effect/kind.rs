@@ -8,6 +8,7 @@ use serde::Serialize;
 use super::error::EffectError;
 use super::parameter::Parameter;
 use super::place::{PlaceKind, Where};
+use crate::model::assembly::Assembly;
 use crate::model::contribution::Contribution;
 use crate::model::storeys::Storeys;
 use crate::model::structure::{Body, Structure};
@@ -201,9 +202,10 @@ impl<'a> Given<'a> {
     /// [`EffectError::NeedsBase`] where it does not.
     pub(super) fn check_base(&self, kind: &dyn EffectKind, structure: &Structure) -> Result<(), EffectError> {
         match &structure.body {
-            Body::Beam(_) => Ok(()),
-            body if Structure::new(body.clone()).assemble().is_held_at_its_foot() => Ok(()),
-            Body::Matrices(_) => Err(EffectError::NeedsBase { kind: kind.name() }),
+            Body::Matrices(matrices) if !Assembly::of_matrices(matrices).is_held_at_its_foot() => {
+                Err(EffectError::NeedsBase { kind: kind.name() })
+            }
+            _ => Ok(()),
         }
     }
 
@@ -212,10 +214,12 @@ impl<'a> Given<'a> {
     /// # Errors
     /// [`EffectError::NeedsStoreys`] where it is not.
     pub(super) fn check_storeys(&self, kind: &dyn EffectKind, structure: &Structure) -> Result<(), EffectError> {
+        let needed = || EffectError::NeedsStoreys { kind: kind.name() };
+        let Body::Matrices(matrices) = &structure.body else { return Err(needed()) };
         // As it is given: what other effects make of it may be none.
-        let assembly = Structure::new(structure.body.clone()).assemble();
+        let assembly = Assembly::of_matrices(matrices);
         let is_of_storeys = (0..2).any(|direction| Storeys::along(direction, &assembly).is_some());
-        if is_of_storeys { Ok(()) } else { Err(EffectError::NeedsStoreys { kind: kind.name() }) }
+        is_of_storeys.then_some(()).ok_or_else(needed)
     }
 
     /// The error that the effect acts elsewhere.
