@@ -38,8 +38,20 @@ fn written(matrix: &DMatrix<f64>) -> String {
     text
 }
 
+/// Where the floors are, 3 m above each other, in the words of a study and its file.
+const DOFS: &str = ", dofs = \"dofs.csv\"";
+const STOREY_M: f64 = 3.0;
+
 /// The study's files, with a group a storey and `more` at the end.
 fn files(folder: &Path, more: &str) -> Study {
+    files_with(folder, "", more)
+}
+
+/// The same with `more` about the matrices.
+fn files_with(folder: &Path, of_matrices: &str, more: &str) -> Study {
+    let floor = |storey: usize| format!("{storey},{storey},ux,{}\n", STOREY_M * storey as f64);
+    let floors: String = (1..=STOREYS).map(floor).collect();
+    fs::write(folder.join("dofs.csv"), format!("row,node,dof,z_m\n,0,ux,0\n{floors}")).unwrap();
     let whole: DMatrix<f64> = (0..STOREYS).map(|storey| part(storey) * STIFFNESS_N_PER_M).sum();
     fs::write(folder.join("k.mtx"), written(&whole)).unwrap();
     fs::write(folder.join("m.mtx"), written(&(DMatrix::identity(STOREYS, STOREYS) * MASS_KG))).unwrap();
@@ -47,12 +59,13 @@ fn files(folder: &Path, more: &str) -> Study {
     for storey in 1..=STOREYS {
         write!(text, "[[sensor]]\nchannel = \"{storey}\"\ndof = {storey}\n\n").unwrap();
     }
-    text.push_str("[model]\nmatrices = { stiffness = \"k.mtx\", mass = \"m.mtx\" }\n\n");
+    writeln!(text, "[model]\nmatrices = {{ stiffness = \"k.mtx\", mass = \"m.mtx\"{of_matrices} }}\n").unwrap();
     for storey in 1..=STOREYS {
         fs::write(folder.join(format!("{storey}.mtx")), written(&(part(storey - 1) * STIFFNESS_N_PER_M))).unwrap();
         write!(text, "[[model.group]]\nname = \"storey{storey}\"\nstiffness = \"{storey}.mtx\"\nstd = {STD}\n")
             .unwrap();
-        write!(text, "z_m = [{}.0, {}.0]\n\n", 3 * storey - 3, 3 * storey).unwrap();
+        let top_m = STOREY_M * storey as f64;
+        write!(text, "z_m = [{:.1}, {top_m:.1}]\n\n", top_m - STOREY_M).unwrap();
     }
     text.push_str(more);
     fs::write(folder.join("modes.csv"), "mode,frequency_hz\n1,1.0\n").unwrap();
@@ -68,8 +81,16 @@ fn model() -> (Structure, Model, Vec<Sensor>) {
 
 /// Modes of storeys with these factors, by a plain eigenproblem, as measured to 0.1 % and 0.5 % of a shape's length.
 fn measured(factors: &[f64], modes: usize, random: &mut ChaCha8Rng) -> Vec<MeasuredMode> {
-    let stiffness: DMatrix<f64> =
-        factors.iter().enumerate().map(|(storey, factor)| part(storey) * (factor * STIFFNESS_N_PER_M)).sum();
+    measured_of(storeys(factors), modes, random)
+}
+
+/// K of storeys with these factors.
+fn storeys(factors: &[f64]) -> DMatrix<f64> {
+    factors.iter().enumerate().map(|(storey, factor)| part(storey) * (factor * STIFFNESS_N_PER_M)).sum()
+}
+
+/// The same of any K.
+fn measured_of(stiffness: DMatrix<f64>, modes: usize, random: &mut ChaCha8Rng) -> Vec<MeasuredMode> {
     let eigen = (stiffness / MASS_KG).symmetric_eigen();
     let mut order: Vec<usize> = (0..STOREYS).collect();
     order.sort_by(|&a, &b| eigen.eigenvalues[a].total_cmp(&eigen.eigenvalues[b]));
@@ -117,6 +138,36 @@ fn the_storey_that_lacks_stiffness_is_named_with_its_value() {
         let value = &diagnosis.candidates[0].parameters[0];
         let std = value.std.unwrap();
         assert!((value.value - change).abs() < 3.0 * std && std < 0.15, "seed {seed}: {value:?}");
+    }
+}
+
+/// Columns get longer and shorter, and no storey's stiffness has any of it: sways of a cantilever, integrated in steps of 10 mm, are added to
+/// those of the storeys.
+#[test]
+fn bending_that_the_storeys_leave_out_is_named_with_its_size() {
+    let height_m = |floor: usize| STOREY_M * (floor + 1) as f64;
+    let bent = DMatrix::from_fn(STOREYS, STOREYS, |at, force| {
+        let steps = (100.0 * height_m(at).min(height_m(force))).round() as usize;
+        let middles = (0..steps).map(|step| 0.01 * (step as f64 + 0.5));
+        middles.map(|s_m| 0.01 * (height_m(at) - s_m) * (height_m(force) - s_m)).sum()
+    });
+    let loads = DVector::from_fn(STOREYS, |floor, _| height_m(floor));
+    let top = |flexibility: &DMatrix<f64>| (flexibility * &loads)[STOREYS - 1];
+    let drawn = storeys(&[1.0; STOREYS]).try_inverse().unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let study = files_with(folder.path(), DOFS, "");
+    let (structure, model, sensors) = (load(&study).unwrap().bare(), study.model.clone().unwrap(), study.sensors());
+    for (seed, share) in [(31, 0.3), (32, 0.6), (33, 0.15)] {
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        let sheared = storeys(&scattered(&mut random)).try_inverse().unwrap();
+        let flexibility = sheared + &bent * (share * top(&drawn) / top(&bent));
+        let modes = measured_of(flexibility.try_inverse().unwrap(), 5, &mut random);
+        let problem = Problem::new(structure.clone(), &[], &model, &sensors, &modes).unwrap();
+        let diagnosis = diagnose(&problem, &[], &Signals::default(), &Options::default()).unwrap();
+        assert_eq!(diagnosis.best, ["overall-bending"], "seed {seed}: {:?}", diagnosis.candidates);
+        let value = &diagnosis.candidates[0].parameters[0];
+        assert_eq!(value.name, "added", "seed {seed}");
+        assert!((value.value - share).abs() < 3.0 * value.std.unwrap(), "seed {seed}: {value:?} of {share}");
     }
 }
 

@@ -197,6 +197,7 @@ impl<'a> Weighed<'a> {
         if verdict != Verdict::Unknown {
             warnings.extend(wrong_modes(problem, shown_fit));
         }
+        warnings.extend(shown_fit.effects().iter().filter_map(|effect| effect.caution(&problem.bare)));
         let strangers: Vec<usize> =
             shown_fit.strangers().into_iter().map(|mode| problem.measured[mode].number).collect();
         if !strangers.is_empty() {
@@ -479,6 +480,7 @@ pub(super) fn rejected_report(present: &Fit, scored: &Scored) -> CandidateReport
                 std: None,
                 unit: parameter.unit.to_owned(),
                 typical_sizes: None,
+                is_named: parameter.is_named,
             })
             .collect(),
         log_bayes_factor: None,
@@ -500,6 +502,7 @@ fn signal_report(signal: &Signal) -> CandidateReport {
         std: signal.std,
         unit: parameter.unit.to_owned(),
         typical_sizes: None,
+        is_named: parameter.is_named,
     };
     CandidateReport {
         effect: signal.effect.kind().to_owned(),

@@ -56,11 +56,9 @@ impl Storeys {
         is_storeys.then_some(Self { rows, heights_m, stiffness_n_m, masses_kg })
     }
 
-    /// What K changes by where this share of the top's sway is overall bending, under loads in proportion to mass and height, and the storeys
-    /// have the rest: the sway under these loads stays what it was. Floors x floors; `None` where there is no such model.
-    fn bent(&self, share: f64) -> Option<DMatrix<f64>> {
-        let count = self.rows.len();
-        let loads = DVector::from_fn(count, |floor, _| self.masses_kg[floor] * self.heights_m[floor]);
+    /// Shear forces and drifts of the storeys under loads in proportion to mass and height, and the drifts of a cantilever of EI = 1.
+    fn under_loads(&self) -> UnderLoads {
+        let loads = DVector::from_fn(self.rows.len(), |floor, _| self.masses_kg[floor] * self.heights_m[floor]);
         let mut shears: Vec<f64> = loads
             .iter()
             .rev()
@@ -70,30 +68,49 @@ impl Storeys {
             })
             .collect();
         shears.reverse();
-        let drifts: Vec<f64> =
-            shears.iter().zip(&self.stiffness_n_m).map(|(shear, stiffness)| shear / stiffness).collect();
-        // Sway of a cantilever of EI = 1 at one height by a unit force at another.
-        let cantilever = DMatrix::from_fn(count, count, |at, force| {
+        let drifts = shears.iter().zip(&self.stiffness_n_m).map(|(shear, stiffness)| shear / stiffness).collect();
+        let sway = self.cantilever() * loads;
+        let below = std::iter::once(0.0).chain(sway.iter().copied());
+        let bends = sway.iter().zip(below).map(|(sway, below)| sway - below).collect();
+        UnderLoads { shears, drifts, bends }
+    }
+
+    /// Sway of a cantilever of EI = 1 at one floor by a unit force at another.
+    fn cantilever(&self) -> DMatrix<f64> {
+        let count = self.rows.len();
+        DMatrix::from_fn(count, count, |at, force| {
             let [low, high] = [at.min(force), at.max(force)].map(|floor| self.heights_m[floor]);
             low * low * (3.0 * high - low) / 6.0
-        });
-        let bends = &cantilever * &loads;
-        let by_bending = share * drifts.iter().sum::<f64>() / bends[count - 1];
-        let storeys: Vec<f64> = (0..count)
-            .map(|floor| {
-                let bend = bends[floor] - if floor > 0 { bends[floor - 1] } else { 0.0 };
-                shears[floor] / (drifts[floor] - by_bending * bend).max(LEAST_SHEAR * drifts[floor])
-            })
-            .collect();
-        let flexibility = chain(&storeys).cholesky()?.inverse() + cantilever * by_bending;
+        })
+    }
+
+    /// What K changes by where the frame bends as one. Floors x floors; `None` where there is no such model.
+    fn bent(&self, bending: Bending) -> Option<DMatrix<f64>> {
+        let loaded = self.under_loads();
+        let flexibility = self.cantilever() * loaded.curved(bending.within + bending.added);
+        let flexibility = chain(&loaded.storeys_without(bending.within)).cholesky()?.inverse() + flexibility;
         Some(flexibility.cholesky()?.inverse() - chain(&self.stiffness_n_m))
     }
 
     /// Lets the frame bend as one: see [`Storeys::bent`].
-    pub(super) fn bend(&self, share: f64, stiffness: &mut DMatrix<f64>) {
-        if let Some(change) = self.bent(share) {
+    pub(super) fn bend(&self, bending: Bending, stiffness: &mut DMatrix<f64>) {
+        if let Some(change) = self.bent(bending) {
             self.add(&change, stiffness);
         }
+    }
+
+    /// Heights in m of the storeys' upper floors that are as stiff as they can become, where so much of their sway is overall bending.
+    pub(super) fn at_their_limit_m(&self, within: f64) -> Vec<f64> {
+        let loaded = self.under_loads();
+        let curved = loaded.curved(within);
+        let is_left_little = |(drift, bend): (&f64, &f64)| drift - curved * bend <= LEAST_SHEAR * drift;
+        let limited = loaded.drifts.iter().zip(&loaded.bends).map(is_left_little);
+        self.heights_m
+            .iter()
+            .zip(limited)
+            .filter(|(_, is_limited)| *is_limited)
+            .map(|(height_m, _)| *height_m)
+            .collect()
     }
 
     /// Takes the weight above from each storey's stiffness, N / h, by so many N for each kg.
@@ -114,6 +131,37 @@ impl Storeys {
                 stiffness[(row, column)] += change[(at, other)];
             }
         }
+    }
+}
+
+/// How far a frame bends as one, as shares of its storeys' sway of the top under loads in proportion to mass and height.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(super) struct Bending {
+    /// In the sway that the storeys' stiffnesses were taken from: they have the rest of it, and the sway stays what it was.
+    pub(super) within: f64,
+    /// Beyond it: the storeys are those of the columns alone, and the sway grows.
+    pub(super) added: f64,
+}
+
+/// Of each storey under loads in proportion to mass and height, the lowest first.
+struct UnderLoads {
+    shears: Vec<f64>,
+    drifts: Vec<f64>,
+    /// Drifts of a cantilever of EI = 1.
+    bends: Vec<f64>,
+}
+
+impl UnderLoads {
+    /// 1 / EI of a cantilever whose top sways by this share of what the storeys do.
+    fn curved(&self, share: f64) -> f64 {
+        share * self.drifts.iter().sum::<f64>() / self.bends.iter().sum::<f64>()
+    }
+
+    /// Stiffnesses of storeys without the share of their sway that is overall bending.
+    fn storeys_without(&self, share: f64) -> Vec<f64> {
+        let curved = self.curved(share);
+        let storeys = self.shears.iter().zip(self.drifts.iter().zip(&self.bends));
+        storeys.map(|(shear, (drift, bend))| shear / (drift - curved * bend).max(LEAST_SHEAR * drift)).collect()
     }
 }
 

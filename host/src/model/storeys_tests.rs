@@ -58,18 +58,22 @@ fn are_equal(one: &DMatrix<f64>, other: &DMatrix<f64>, to: f64) -> bool {
     (one - other).amax() <= to * other.amax()
 }
 
-/// A frame whose columns get longer and shorter: sway by storeys and by a cantilever, integrated in steps of a millimetre. Storey
+/// Sway at a height of a cantilever by a unit force at another, in m/N, integrated in steps of a millimetre.
+fn integrated(at_m: f64, force_m: f64) -> f64 {
+    let bending_n_m2 = 6e10;
+    let step_m = 1e-3;
+    let steps = (at_m.min(force_m) / step_m).round() as usize;
+    let curvature = |k: usize| (k as f64 + 0.5) * step_m;
+    (0..steps).map(curvature).map(|s| (at_m - s) * (force_m - s) * step_m).sum::<f64>() / bending_n_m2
+}
+
+/// A frame whose columns get longer and shorter: sway by storeys and by a cantilever. Storey
 /// stiffnesses taken from its sway under code loads have both; told the share of bending, the model is the frame.
 #[test]
 fn what_was_merged_is_taken_apart() {
     let count = MASSES_KG.len();
     let height = |floor: usize| 3.0 * (floor + 1) as f64;
-    let bending_n_m2 = 6e10;
-    let bent = |at: f64, force: f64| {
-        let step = 1e-3;
-        let steps = (at.min(force) / step).round() as usize;
-        (0..steps).map(|k| (k as f64 + 0.5) * step).map(|s| (at - s) * (force - s) * step).sum::<f64>() / bending_n_m2
-    };
+    let bent = integrated;
     let sheared = |at: usize, force: usize| (0..=at.min(force)).map(|storey| 1.0 / SHEARS_N_M[storey]).sum::<f64>();
     let flexibility = DMatrix::from_fn(count, count, |at, force| sheared(at, force) + bent(height(at), height(force)));
     let loads = DVector::from_fn(count, |floor, _| MASSES_KG[floor] * height(floor));
@@ -95,6 +99,40 @@ fn what_was_merged_is_taken_apart() {
     let (before, after) = (modes(&table), modes(&table.clone().and(&[effect]).unwrap()));
     let raised: Vec<f64> = (0..3).map(|mode| after[mode] / before[mode] - 1.0).collect();
     assert!(raised[0].abs() < 0.01 && raised[1] > 0.02 && raised[2] > raised[1], "{raised:?}");
+}
+
+/// The same frame, but for the bending left out of its storeys: added to them as they are, the model is the frame, and its first frequency
+/// falls most.
+#[test]
+fn what_was_left_out_is_added() {
+    let count = MASSES_KG.len();
+    let line = frame(&SHEARS_N_M, &MASSES_KG, 1);
+    let sheared = line.assemble().stiffness.try_inverse().unwrap();
+    let bent = DMatrix::from_fn(count, count, |at, force| integrated(3.0 * (at + 1) as f64, 3.0 * (force + 1) as f64));
+    let loads = DVector::from_fn(count, |floor, _| MASSES_KG[floor] * 3.0 * (floor + 1) as f64);
+    let top = |flexibility: &DMatrix<f64>| (flexibility * &loads)[count - 1];
+    let added = top(&bent) / top(&sheared);
+    let word = format!("overall-bending=added={added}");
+    let effect: Effect = word.parse().unwrap();
+    assert_eq!(effect.typed().parse::<Effect>().unwrap().typed(), effect.typed());
+    assert!(effect.typed().contains("=added="), "{}", effect.typed());
+    let found = with(&line, &word);
+    assert!(are_equal(&found, &(sheared + bent).try_inverse().unwrap(), 1e-6));
+    let modes = |structure: &Structure| structure.assemble().modes().unwrap().frequency_hz;
+    let (before, after) = (modes(&line), modes(&line.clone().and(&[effect]).unwrap()));
+    let fallen: Vec<f64> = (0..3).map(|mode| 1.0 - after[mode] / before[mode]).collect();
+    assert!(fallen[0] > 0.02 && fallen.windows(2).all(|pair| pair[1] < pair[0]), "{fallen:?}");
+}
+
+/// Where bending is nearly all of a storey's sway, its stiffness has a limit, which is told.
+#[test]
+fn a_storey_at_its_limit_is_told() {
+    let line = frame(&SHEARS_N_M, &MASSES_KG, 1);
+    let caution = |word: &str| word.parse::<Effect>().unwrap().caution(&line);
+    assert_eq!(caution("overall-bending=0.1"), None);
+    assert_eq!(caution("overall-bending=added=2"), None);
+    let told = caution("overall-bending=0.8").unwrap();
+    assert!(told.contains("18.0 m above the ground") || told.contains("15.0 m above the ground"), "{told}");
 }
 
 #[test]

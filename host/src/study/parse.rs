@@ -451,11 +451,12 @@ fn model(section: &Section<'_>) -> Result<Model, StudyError> {
     const BEAM: &str = "the name of a beam table, in quotes, such as \"beam.csv\"";
     const MATRICES: &str =
         "a table such as { file = \"model.mat\", stiffness = \"K\", mass = \"M\", nodes = \"nodes.csv\" }";
-    const BACKGROUND: &str = "a relative standard deviation, a number above 0 such as 0.03";
+    const BACKGROUND: &str = "a relative standard deviation, a number above 0 and up to 1 such as 0.03, which is 3 %";
     const LENGTH: &str = "a length in metres, a number above 0";
 
     let optional_positive =
         |key, expected| section.get(key).map(|entry: Entry<'_>| entry.positive(expected)).transpose();
+    let relative_std = |key| section.get(key).map(|entry: Entry<'_>| entry.relative_std(BACKGROUND)).transpose();
     const MODES: &str = "the name of a file of modes, in quotes, such as \"base.csv\"";
     let source = match (section.get("beam"), section.get("matrices"), section.get("modes")) {
         (Some(beam), None, None) => ModelSource::Beam(PathBuf::from(beam.text(BEAM)?)),
@@ -468,8 +469,8 @@ fn model(section: &Section<'_>) -> Result<Model, StudyError> {
     Ok(Model {
         runs,
         source,
-        background_stiffness: optional_positive("background_stiffness", BACKGROUND)?,
-        background_mass: optional_positive("background_mass", BACKGROUND)?,
+        background_stiffness: relative_std("background_stiffness")?,
+        background_mass: relative_std("background_mass")?,
         correlation_length_m: optional_positive("correlation_length_m", LENGTH)?,
         effects: section.tables("effect")?.iter().map(effect).collect::<Result<Vec<_>, _>>()?,
         customs,
@@ -652,7 +653,7 @@ fn custom(section: &Section<'_>) -> Result<CustomSource, StudyError> {
 }
 
 fn group(section: &Section<'_>) -> Result<CustomSource, StudyError> {
-    const STD: &str = "one relative standard deviation, a number above 0 such as 0.1";
+    const STD: &str = "one relative standard deviation, a number above 0 and up to 1 such as 0.1, which is 10 %";
     const TIED: &str = "the name of another [[model.group]], in quotes";
     const OF_OTHER: &str = "left out beside tied_to: the group that it names has deviation and bounds for both";
     const SPAN: &str = "a height in metres, or two such as [3.0, 6.5]";
@@ -669,7 +670,7 @@ fn group(section: &Section<'_>) -> Result<CustomSource, StudyError> {
     let std = match tied_to {
         // That of the group that it is tied to.
         Some(_) => 0.0,
-        None => section.required("std", STD)?.positive(STD)?,
+        None => section.required("std", STD)?.relative_std(STD)?,
     };
     let span = |entry: Entry<'_>| -> Result<[f64; 2], StudyError> {
         if let Ok(z_m) = entry.number(SPAN) {

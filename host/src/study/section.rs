@@ -187,6 +187,12 @@ impl<'a> Entry<'a> {
         if number > 0.0 { Ok(number) } else { Err(self.out_of_range(expected)) }
     }
 
+    /// A relative standard deviation: a number above zero that is no percentage.
+    pub(super) fn relative_std(&self, expected: &'static str) -> Result<f64, StudyError> {
+        let number = self.positive(expected)?;
+        if number <= 1.0 { Ok(number) } else { Err(self.out_of_range(expected)) }
+    }
+
     /// A whole number within `range`.
     pub(super) fn whole(&self, range: Range<i64>, expected: &'static str) -> Result<i64, StudyError> {
         let integer = self.value.get_ref().as_integer().ok_or_else(|| self.wrong_type(expected))?;

@@ -184,6 +184,7 @@ fn faults_of_value_are_told_with_what_was_expected() {
     assert_fault("[\"a_*.csv\"]", "[]", 5, &["`setup.files`", "found []"]);
     assert_fault("node = 1", "node = 1\ndof = 0", 11, &["`setup.sensor.dof`", "from 1"]);
     assert_fault("0.03", "-0.03", 26, &["`model.background_stiffness`", "-0.03"]);
+    assert_fault("0.03", "3", 26, &["`model.background_stiffness`", "0.03, which is 3 %"]);
 }
 
 #[test]
@@ -435,6 +436,7 @@ fn groups_are_read_and_their_faults_named_by_line() {
     for (group, expected) in [
         ("name = \"soil\"\nstiffness = \"s.mtx\"\n", "`std`"),
         ("name = \"soil\"\nstiffness = \"s.mtx\"\nstd = -0.1\n", "-0.1"),
+        ("name = \"soil\"\nstiffness = \"s.mtx\"\nstd = 3\n", "up to 1 such as 0.1, which is 10 %"),
         ("name = \"soil\"\nstiffness = \"s.mtx\"\nstd = 0.1\nz_m = [3.0, 1.0]\n", "z_m"),
         ("name = \"soil\"\nstd = 0.1\n", "what it changes"),
         ("name = \"cables\"\nstiffness = \"s.mtx\"\nstd = 0.1\n", "cables"),

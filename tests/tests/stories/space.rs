@@ -319,6 +319,26 @@ fn numbering_that_does_not_match_is_told() {
     }
 }
 
+/// Floors that are numbered from the top in one file and from the ground in the other: rows are in balance all the same, and the heights of
+/// groups say otherwise.
+#[test]
+fn floors_that_are_numbered_from_the_other_end_are_told() {
+    let folder = measured(AT_NODES);
+    let path = folder.path().to_str().unwrap();
+    let doubt = "dofs.csv: do nodes stand where it says? `z_m` of group `storey1` is 0 to 3.5 m";
+    belfry_command().args(["compare", path]).assert().success().stderr(contains("do nodes stand").not());
+    let file = folder.path().join("dofs.csv");
+    let upside_down = |line: &str| match line.rsplit_once(',') {
+        Some((start, z)) if !line.starts_with(',') => {
+            z.parse().map_or_else(|_| line.to_owned(), |z: f64| format!("{start},{}", 21.0 - z))
+        }
+        _ => line.to_owned(),
+    };
+    let text = fs::read_to_string(&file).unwrap().lines().map(upside_down).collect::<Vec<_>>().join("\n");
+    fs::write(&file, text).unwrap();
+    belfry_command().args(["compare", path]).assert().stderr(contains(doubt).and(contains("4 of 5 groups")));
+}
+
 /// Trace lines (dataset 82) draw a structure, and GRID cards place it: the chain of six nodes that the reader's tests have, from Nastran and pyuff.
 #[test]
 fn a_model_of_nastran_stands_at_its_grid_points_and_is_drawn_by_trace_lines() {

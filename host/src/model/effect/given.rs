@@ -133,14 +133,22 @@ impl Effect {
     /// [`EffectError::OutsideBeam`] where its place is not on this structure, [`EffectError::NeedsBeam`] where it needs a beam
     /// table.
     pub fn contribution(&self, structure: &Structure) -> Result<Arc<dyn Contribution>, EffectError> {
-        let given = Given { parameters: self.parameters, values: &self.values, place: self.place.as_ref() };
-        self.kind.contribution(&given, structure)
+        self.kind.contribution(&self.given(), structure)
     }
 
-    /// `kind@where=value`, or `kind@where=name=value,...` of several: read again, it is this effect.
+    /// What to know of it with these values in a structure, if anything.
+    pub fn caution(&self, structure: &Structure) -> Option<String> {
+        self.kind.caution(&self.given(), structure)
+    }
+
+    fn given(&self) -> Given<'_> {
+        Given { parameters: self.parameters, values: &self.values, place: self.place.as_ref() }
+    }
+
+    /// `kind@where=value`, or `kind@where=name=value,...` of several or where the name tells what it is: read again, it is this effect.
     pub fn typed(&self) -> String {
         let values: Vec<String> = match self.parameters().collect::<Vec<_>>()[..] {
-            [(_, value)] => vec![format!("{value:e}")],
+            [(parameter, value)] if !parameter.is_named => vec![format!("{value:e}")],
             ref several => several.iter().map(|(parameter, value)| format!("{}={value:e}", parameter.name)).collect(),
         };
         if values.is_empty() { self.to_string() } else { format!("{self}={}", values.join(",")) }

@@ -86,6 +86,17 @@ pub trait EffectKind: fmt::Debug + Send + Sync {
     /// The sets of parameters by which it can be given, the usual one first; all of a set are needed.
     fn parameter_sets(&self) -> &'static [&'static [Parameter]];
 
+    /// Whether sets of as many parameters are different physics, each of which is looked for; else a second one is for structures to which
+    /// the first does not apply.
+    fn has_rival_sets(&self) -> bool {
+        false
+    }
+
+    /// What to know of such values in this structure, if anything.
+    fn caution(&self, _given: &Given<'_>, _structure: &Structure) -> Option<String> {
+        None
+    }
+
     /// What it contributes to `structure`; the values of `given` follow one of the parameter sets and lie inside its bounds.
     ///
     /// # Errors
