@@ -8,8 +8,10 @@ use std::collections::BTreeMap;
 
 use super::names::DataKind;
 
-/// How long a node that is silent is waited for, once another is past an interval, in µs; half an interval where that is less.
+/// How long a node that is silent is waited for, once another is past an interval, in µs; half an interval where that is less, but a minute
+/// at least: a line that drops frames, or a machine that is busy, holds a node up for some seconds however short the intervals are.
 const LONGEST_WAIT_US: i64 = 900_000_000;
+const LEAST_WAIT_US: i64 = 60_000_000;
 
 /// An interval that is over.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -79,7 +81,8 @@ impl Ledger {
     fn over(&mut self) -> Option<Due> {
         let (&number, begun) = self.begun.iter().find(|(_, begun)| begun.has_windows)?;
         let end_us = number.saturating_add(1).saturating_mul(self.every_us);
-        let far_us = end_us.saturating_add(LONGEST_WAIT_US.min(self.every_us / 2));
+        let wait_us = LONGEST_WAIT_US.min(self.every_us / 2).max(LEAST_WAIT_US);
+        let far_us = end_us.saturating_add(wait_us);
         let is_past = |newest: &Option<i64>, than_us: i64| newest.is_some_and(|time_us| time_us >= than_us);
         let is_over = self.nodes.values().all(|newest| is_past(newest, end_us))
             || self.nodes.values().any(|newest| is_past(newest, far_us));
@@ -125,6 +128,20 @@ mod tests {
         // An hour without windows is none.
         assert_eq!(ledger.take(14, window(3), 600 * MINUTE_US), [Due { number: 2, from: 12, to: 14, next: 11 }]);
         assert_eq!(ledger.take(15, window(3), 675 * MINUTE_US), [Due { number: 10, from: 14, to: 15, next: 15 }]);
+    }
+
+    /// Of intervals of ten seconds, a node that hangs for half a minute has all of its windows in them.
+    #[test]
+    fn a_node_that_hangs_for_seconds_is_waited_for_however_short_intervals_are() {
+        const SECOND_US: i64 = 1_000_000;
+        let mut ledger = Ledger::new(10 * SECOND_US, &[3, 8], None);
+        let mut due = ledger.take(1, window(8), 5 * SECOND_US);
+        due.extend((2..).zip(5..40).flat_map(|(sequence, s)| ledger.take(sequence, window(3), s * SECOND_US)));
+        assert!(due.is_empty(), "{due:?}");
+        due.extend((37..).zip(6..11).flat_map(|(sequence, s)| ledger.take(sequence, window(8), s * SECOND_US)));
+        assert_eq!(due, [Due { number: 0, from: 1, to: 41, next: 7 }]);
+        // For longer than a minute nothing waits.
+        assert_eq!(ledger.take(42, window(3), 80 * SECOND_US).len(), 1);
     }
 
     proptest! {
