@@ -233,7 +233,7 @@ pub(super) fn values_before_units(parameters: &[Estimate], between: &str) -> Str
     let words: Vec<String> = parameters
         .iter()
         .map(|parameter| {
-            let name = if several || parameter.is_named { format!("{} ", parameter.name) } else { String::new() };
+            let name = if several { format!("{} ", parameter.name) } else { String::new() };
             let unit = unit_after(between, &parameter.unit);
             match parameter.std {
                 Some(std) => format!("{name}{}{unit}", with_std(parameter.value, std)),

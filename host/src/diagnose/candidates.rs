@@ -65,8 +65,8 @@ impl Problem {
             let mut sizes = Vec::new();
             for &parameters in &plain {
                 let candidate = Candidate { kind, place: place.clone(), parameters, given: Vec::new() };
-                let is_told_apart = kind.has_rival_sets() || !sizes.contains(&parameters.len());
-                if is_told_apart && candidate.fits(self) {
+                // A second set of as many parameters is for structures to which the first does not apply.
+                if !sizes.contains(&parameters.len()) && candidate.fits(self) {
                     sizes.push(parameters.len());
                     candidates.push(candidate);
                 }

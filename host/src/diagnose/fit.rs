@@ -47,9 +47,6 @@ pub struct Estimate {
     /// How far it is from no effect, in units of what is typical; null where nothing is.
     #[serde(default)]
     pub typical_sizes: Option<f64>,
-    /// Whether a value alone does not say what it is; text asks, and JSON has the name anyway.
-    #[serde(skip)]
-    pub is_named: bool,
 }
 
 impl Estimate {
@@ -477,7 +474,6 @@ impl Fit {
                 std: knob(index).map(std),
                 unit: parameter.unit.to_owned(),
                 typical_sizes: knob(index).map(sizes),
-                is_named: parameter.is_named,
             })
             .collect()
     }

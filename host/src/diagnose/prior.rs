@@ -12,15 +12,13 @@ pub(super) const ADEQUATE: f64 = 20.0;
 /// Probability that something else is missing, which is no single effect of the catalogue: structures have surprises of their own.
 pub(super) const SOMETHING_ELSE: f64 = 0.05;
 /// Kinds that are more or less likely than most: foundations are clamped in most models; a standard's modulus and estimated loads are
-/// off as a rule; the weight above is left out by every linear model, and overall bending by every model of storeys; few towers have arms to
-/// outer columns, guys, soil along their shaft or dampers that their drawings do not show; and bracing that shears as it bends, or frames
+/// off as a rule; the weight above is left out by every linear model; few towers have arms to outer columns, guys, soil along their shaft or dampers that their drawings do not show; and bracing that shears as it bends, or frames
 /// beside a wall, are what a kind of structure has: whoever made its table knows, and most others have neither.
-const LIKELY: [(&str, f64); 12] = [
+const LIKELY: [(&str, f64); 11] = [
     ("base-rotation", 2.0),
     ("stiffness-scale", 2.0),
     ("mass-scale", 2.0),
     ("p-delta", 2.0),
-    ("overall-bending", 2.0),
     ("outrigger", 0.5),
     ("lateral-support", 0.5),
     ("soil-springs", 0.5),

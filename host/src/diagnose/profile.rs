@@ -235,7 +235,6 @@ fn of_number(fit: &Fit, at: usize, one: f64, name: &str, unit: &str) -> Estimate
         std: Some(one * variance.max(0.0).sqrt()),
         unit: unit.to_owned(),
         typical_sizes: None,
-        is_named: false,
     }
 }
 

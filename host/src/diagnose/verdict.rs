@@ -480,7 +480,6 @@ pub(super) fn rejected_report(present: &Fit, scored: &Scored) -> CandidateReport
                 std: None,
                 unit: parameter.unit.to_owned(),
                 typical_sizes: None,
-                is_named: parameter.is_named,
             })
             .collect(),
         log_bayes_factor: None,
@@ -502,7 +501,6 @@ fn signal_report(signal: &Signal) -> CandidateReport {
         std: signal.std,
         unit: parameter.unit.to_owned(),
         typical_sizes: None,
-        is_named: parameter.is_named,
     };
     CandidateReport {
         effect: signal.effect.kind().to_owned(),

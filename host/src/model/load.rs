@@ -220,10 +220,14 @@ fn doubt_of_numbers(whole: &WholeMatrices, source: &MatrixSource) -> Option<Stri
     ))
 }
 
-/// Asks whether nodes stand where their table says, where groups with heights of their own touch nodes that are elsewhere.
+/// Asks whether nodes stand where their table says, where several groups with heights of their own touch nodes that are a storey off.
 fn doubt_of_heights(whole: &WholeMatrices, customs: &[Custom], source: &MatrixSource) -> Option<String> {
-    let heights_m = || whole.nodes.iter().map(|node| node.position_m[2]);
-    let range_m = heights_m().fold(f64::NEG_INFINITY, f64::max) - heights_m().fold(f64::INFINITY, f64::min);
+    let mut levels_m: Vec<f64> = whole.nodes.iter().map(|node| node.position_m[2]).collect();
+    levels_m.sort_by(f64::total_cmp);
+    let storey_m = levels_m.windows(2).map(|pair| pair[1] - pair[0]).fold(0.0, f64::max);
+    if storey_m < LEAST_STOREY_M {
+        return None;
+    }
     let mut with_heights = 0;
     let elsewhere = |group: &Custom| {
         let [low_m, high_m] = group.group?.span_m?;
@@ -234,27 +238,24 @@ fn doubt_of_heights(whole: &WholeMatrices, customs: &[Custom], source: &MatrixSo
         }
         with_heights += 1;
         let middle_m = touched_m.iter().sum::<f64>() / touched_m.len() as f64;
-        // A part may reach beyond where it mainly stands, and tables round.
-        let slack_m = (high_m - low_m).max(NEAR_OF_RANGE * range_m).max(ROUNDED_M);
-        let stands_m = [low_m - slack_m, high_m + slack_m];
-        let is_there = (stands_m[0]..=stands_m[1]).contains(&middle_m);
+        // Of a part at the ground only the upper nodes have rows.
+        let is_there = (low_m - storey_m..=high_m + storey_m).contains(&middle_m);
         (!is_there).then(|| (group.name.clone(), [low_m, high_m], middle_m))
     };
     let doubtful: Vec<(String, [f64; 2], f64)> = customs.iter().filter_map(elsewhere).collect();
-    let (name, [low_m, high_m], middle_m) = doubtful.first()?;
+    // One alone may be a slip in its z_m, or stand by an arm.
+    let [(name, [low_m, high_m], middle_m), _, ..] = &doubtful[..] else { return None };
     let file = source.layout.as_ref()?.file().display();
     let span = if low_m < high_m { format!("{low_m} to {high_m} m") } else { format!("{low_m} m") };
     Some(format!(
-        "{file}: do nodes stand where it says? `z_m` of group `{name}` is {span}, but the nodes that its matrix touches are at {middle_m:.1} m \
-         on average ({} of {with_heights} groups with heights are elsewhere so); look at the order of rows, or at z_m",
+        "{file}: do nodes stand where it says? `z_m` of group `{name}` is {span}, but the nodes that its matrix touches are at {middle_m:.1} m on \
+         average, and {} of {with_heights} groups with heights are off like this; look at the order of rows, or at z_m",
         doubtful.len()
     ))
 }
 
-/// Heights are written to a centimetre at least.
-const ROUNDED_M: f64 = 0.01;
-/// A group is near a height to this share of the structure's.
-const NEAR_OF_RANGE: f64 = 0.1;
+/// Where heights differ by less nothing stands above anything.
+const LEAST_STOREY_M: f64 = 0.1;
 
 /// Hypotheses and groups that are tied to no other.
 fn untied(sources: &[CustomSource]) -> impl Iterator<Item = &CustomSource> {

@@ -6,6 +6,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::assembly::Assembly;
+use super::structure::{Body, Structure};
 
 /// Entries of K between floors that are not neighbours are none up to this share of its largest.
 const NONE: f64 = 1e-9;
@@ -56,23 +57,11 @@ impl Storeys {
         is_storeys.then_some(Self { rows, heights_m, stiffness_n_m, masses_kg })
     }
 
-    /// Shear forces and drifts of the storeys under loads in proportion to mass and height, and the drifts of a cantilever of EI = 1.
-    fn under_loads(&self) -> UnderLoads {
-        let loads = DVector::from_fn(self.rows.len(), |floor, _| self.masses_kg[floor] * self.heights_m[floor]);
-        let mut shears: Vec<f64> = loads
-            .iter()
-            .rev()
-            .scan(0.0, |sum, load| {
-                *sum += load;
-                Some(*sum)
-            })
-            .collect();
-        shears.reverse();
-        let drifts = shears.iter().zip(&self.stiffness_n_m).map(|(shear, stiffness)| shear / stiffness).collect();
-        let sway = self.cantilever() * loads;
-        let below = std::iter::once(0.0).chain(sway.iter().copied());
-        let bends = sway.iter().zip(below).map(|(sway, below)| sway - below).collect();
-        UnderLoads { shears, drifts, bends }
+    /// Of a structure as it is given, along X and Y: what effects make of it may be none.
+    pub(super) fn of(structure: &Structure) -> [Option<Self>; 2] {
+        let Body::Matrices(matrices) = &structure.body else { return [None, None] };
+        let assembly = Assembly::of_matrices(matrices);
+        [0, 1].map(|direction| Self::along(direction, &assembly))
     }
 
     /// Sway of a cantilever of EI = 1 at one floor by a unit force at another.
@@ -84,33 +73,49 @@ impl Storeys {
         })
     }
 
+    /// 1 / EI of a cantilever whose top sways by this share of what the storeys do under loads in proportion to mass and height, and what it
+    /// has of the drift of each storey.
+    fn bending(&self, share: f64) -> (f64, Vec<f64>) {
+        let count = self.rows.len();
+        let loads = DVector::from_fn(count, |floor, _| self.masses_kg[floor] * self.heights_m[floor]);
+        let drift = |floor: usize| loads.rows(floor, count - floor).sum() / self.stiffness_n_m[floor];
+        let drifts: Vec<f64> = (0..count).map(drift).collect();
+        let sway = self.cantilever() * loads;
+        let by_stiffness = share * drifts.iter().sum::<f64>() / sway[count - 1];
+        let below = std::iter::once(0.0).chain(sway.iter().copied());
+        let bends = sway.iter().zip(below).map(|(sway, below)| by_stiffness * (sway - below));
+        // A storey below a floor without mass drifts by neither.
+        let shares = bends.zip(&drifts).map(|(bends, drift)| if *drift > 0.0 { bends / drift } else { 0.0 });
+        (by_stiffness, shares.collect())
+    }
+
     /// What K changes by where the frame bends as one. Floors x floors; `None` where there is no such model.
     fn bent(&self, bending: Bending) -> Option<DMatrix<f64>> {
-        let loaded = self.under_loads();
-        let flexibility = self.cantilever() * loaded.curved(bending.within + bending.added);
-        let flexibility = chain(&loaded.storeys_without(bending.within)).cholesky()?.inverse() + flexibility;
+        let (by_stiffness, storeys) = match bending {
+            Bending::InStoreys(share) => {
+                let (by_stiffness, shares) = self.bending(share);
+                let sheared = |(stiffness, share): (&f64, &f64)| stiffness / (1.0 - share).max(LEAST_SHEAR);
+                (by_stiffness, self.stiffness_n_m.iter().zip(&shares).map(sheared).collect())
+            }
+            Bending::LeftOut(ratio) => (self.bending(ratio).0, self.stiffness_n_m.clone()),
+        };
+        let flexibility = chain(&storeys).cholesky()?.inverse() + self.cantilever() * by_stiffness;
         Some(flexibility.cholesky()?.inverse() - chain(&self.stiffness_n_m))
     }
 
-    /// Lets the frame bend as one: see [`Storeys::bent`].
+    /// Lets the frame bend as one.
     pub(super) fn bend(&self, bending: Bending, stiffness: &mut DMatrix<f64>) {
-        if let Some(change) = self.bent(bending) {
+        if let Some(change) = self.bent(bending).filter(|_| !bending.is_none()) {
             self.add(&change, stiffness);
         }
     }
 
-    /// Heights in m of the storeys' upper floors that are as stiff as they can become, where so much of their sway is overall bending.
-    pub(super) fn at_their_limit_m(&self, within: f64) -> Vec<f64> {
-        let loaded = self.under_loads();
-        let curved = loaded.curved(within);
-        let is_left_little = |(drift, bend): (&f64, &f64)| drift - curved * bend <= LEAST_SHEAR * drift;
-        let limited = loaded.drifts.iter().zip(&loaded.bends).map(is_left_little);
-        self.heights_m
-            .iter()
-            .zip(limited)
-            .filter(|(_, is_limited)| *is_limited)
-            .map(|(height_m, _)| *height_m)
-            .collect()
+    /// Heights in m of the upper floors of storeys that are held at their limit, as so much of their drift would be bending.
+    pub(super) fn held_m(&self, bending: Bending) -> Vec<f64> {
+        let Bending::InStoreys(share) = bending else { return Vec::new() };
+        let shares = self.bending(share).1;
+        let held = self.heights_m.iter().zip(shares).filter(|(_, share)| 1.0 - share < LEAST_SHEAR);
+        held.map(|(height_m, _)| *height_m).collect()
     }
 
     /// Takes the weight above from each storey's stiffness, N / h, by so many N for each kg.
@@ -134,34 +139,20 @@ impl Storeys {
     }
 }
 
-/// How far a frame bends as one, as shares of its storeys' sway of the top under loads in proportion to mass and height.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub(super) struct Bending {
-    /// In the sway that the storeys' stiffnesses were taken from: they have the rest of it, and the sway stays what it was.
-    pub(super) within: f64,
-    /// Beyond it: the storeys are those of the columns alone, and the sway grows.
-    pub(super) added: f64,
+/// How far a frame bends as one, by its storeys' sway of the top under loads in proportion to mass and height.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Bending {
+    /// This share of the sway is bending. The storeys' stiffnesses were taken from all of it: they have the rest, and the sway stays what it
+    /// was.
+    InStoreys(f64),
+    /// So many times the sway comes by bending besides, of which the storeys' stiffnesses have nothing.
+    LeftOut(f64),
 }
 
-/// Of each storey under loads in proportion to mass and height, the lowest first.
-struct UnderLoads {
-    shears: Vec<f64>,
-    drifts: Vec<f64>,
-    /// Drifts of a cantilever of EI = 1.
-    bends: Vec<f64>,
-}
-
-impl UnderLoads {
-    /// 1 / EI of a cantilever whose top sways by this share of what the storeys do.
-    fn curved(&self, share: f64) -> f64 {
-        share * self.drifts.iter().sum::<f64>() / self.bends.iter().sum::<f64>()
-    }
-
-    /// Stiffnesses of storeys without the share of their sway that is overall bending.
-    fn storeys_without(&self, share: f64) -> Vec<f64> {
-        let curved = self.curved(share);
-        let storeys = self.shears.iter().zip(self.drifts.iter().zip(&self.bends));
-        storeys.map(|(shear, (drift, bend))| shear / (drift - curved * bend).max(LEAST_SHEAR * drift)).collect()
+impl Bending {
+    fn is_none(self) -> bool {
+        let (Self::InStoreys(share) | Self::LeftOut(share)) = self;
+        share == 0.0
     }
 }
 

@@ -181,7 +181,6 @@ fn estimates(effect: &Effect, share: f64) -> Vec<Estimate> {
             value: parameter.neutral + share * (value - parameter.neutral),
             std: None,
             typical_sizes: None,
-            is_named: parameter.is_named,
             unit: parameter.unit.to_owned(),
         })
         .collect()

@@ -277,7 +277,6 @@ fn entries(effects: &[FittedEffect]) -> Vec<EffectEntry> {
             .iter()
             .map(|parameter| (parameter.name.clone(), parameter.value, parameter.std))
             .collect(),
-        is_named: fitted.parameters.iter().any(|parameter| parameter.is_named),
     };
     effects.iter().map(entry).collect()
 }

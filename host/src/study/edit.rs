@@ -17,8 +17,6 @@ pub struct EffectEntry {
     pub location: Option<String>,
     /// Parameters: name, value, standard deviation.
     pub parameters: Vec<(String, f64, Option<f64>)>,
-    /// Whether a single value needs its name.
-    pub is_named: bool,
 }
 
 /// Makes `entries` the effects of the study in `folder`; those that are there already keep their place and comments.
@@ -170,7 +168,7 @@ fn with_effects(text: &str, entries: &[EffectEntry]) -> Result<String, String> {
 fn fill(table: &mut Table, entry: &EffectEntry) {
     let mut pairs = vec![("kind".to_owned(), Value::from(entry.kind.as_str()))];
     pairs.extend(entry.location.as_ref().map(|location| ("where".to_owned(), Value::from(location.as_str()))));
-    let single = entry.parameters.len() == 1 && !entry.is_named;
+    let single = entry.parameters.len() == 1;
     for (name, number, std) in &entry.parameters {
         let name = if single { "value" } else { name };
         pairs.push((name.to_owned(), float(*number)));
@@ -217,7 +215,7 @@ mod tests {
 
     fn entry(kind: &str, location: Option<&str>, parameters: &[(&str, f64, Option<f64>)]) -> EffectEntry {
         let parameters = parameters.iter().map(|(name, value, std)| ((*name).to_owned(), *value, *std)).collect();
-        EffectEntry { kind: kind.to_owned(), location: location.map(str::to_owned), parameters, is_named: false }
+        EffectEntry { kind: kind.to_owned(), location: location.map(str::to_owned), parameters }
     }
 
     #[test]

@@ -432,6 +432,7 @@ fn groups_are_read_and_their_faults_named_by_line() {
     assert_eq!(read[1].group, Some(GroupTerms { std: 0.3, span_m: Some([0.0, 2.5]) }));
     let at_one_height = groups("name = \"soil\"\nstiffness = \"s.mtx\"\nstd = 0.3\nz_m = 2.5\n").unwrap();
     assert_eq!(at_one_height[1].group.unwrap().span_m, Some([2.5, 2.5]));
+    assert_eq!(groups("name = \"soil\"\nstiffness = \"s.mtx\"\nstd = 1.0\n").unwrap()[1].group.unwrap().std, 1.0);
     let refused = |group: &str| groups(group).unwrap_err().to_string();
     for (group, expected) in [
         ("name = \"soil\"\nstiffness = \"s.mtx\"\n", "`std`"),

@@ -22,7 +22,6 @@ fn candidate(name: &str, log_bayes_factor: f64, p_value: f64) -> CandidateReport
             std: Some(2e5),
             unit: "kg".to_owned(),
             typical_sizes: None,
-            is_named: false,
         }],
         log_bayes_factor: Some(log_bayes_factor),
         prior_odds: Some(1.0),

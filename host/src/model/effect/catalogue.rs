@@ -3,11 +3,11 @@
 use super::error::EffectError;
 use super::kind::EffectKind;
 use super::{
-    added_mass, amplitude_stiffness, axis_rotation, base_rotation, base_torsion, base_translation, clock_offset,
-    connection_flexibility, coupled_shear, custom, foundation_mass, harmonic, lateral_support, mass_eccentricity,
-    mass_scale, outrigger, overall_bending, p_delta, rotary_inertia, sensor_gain, sensor_polarity, sensor_rotation,
-    sensor_swap, shear_flexibility, soil_springs, stiffness_loss, stiffness_scale, temperature_stiffness,
-    tuned_mass_damper, wall_frame,
+    added_mass, amplitude_stiffness, axis_rotation, base_rotation, base_torsion, base_translation, chord_drift,
+    clock_offset, connection_flexibility, coupled_shear, custom, foundation_mass, harmonic, lateral_support,
+    mass_eccentricity, mass_scale, outrigger, overall_bending, p_delta, rotary_inertia, sensor_gain, sensor_polarity,
+    sensor_rotation, sensor_swap, shear_flexibility, soil_springs, stiffness_loss, stiffness_scale,
+    temperature_stiffness, tuned_mass_damper, wall_frame,
 };
 use crate::nearest::nearest;
 
@@ -22,7 +22,8 @@ pub const KINDS: &[&dyn EffectKind] = &[
     &shear_flexibility::ShearFlexibility,
     &coupled_shear::CoupledShear,
     &wall_frame::WallFrame,
-    &overall_bending::OverallBending,
+    &overall_bending::KIND,
+    &chord_drift::KIND,
     &rotary_inertia::RotaryInertia,
     &p_delta::PDelta,
     &added_mass::AddedMass,

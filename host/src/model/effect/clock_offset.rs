@@ -29,10 +29,7 @@ const ABOUT: About = About {
 /// minutes, whose coherence is gone; there is no shape to turn back.
 const LONGEST_S: f64 = 60.0;
 const DELAY: Parameter =
-    Parameter::ranged("delay", "s", [-LONGEST_S, LONGEST_S], 0.02, "positive: the node's samples come late")
-        .usually_within(USUAL_S);
-/// Radio nodes that are synchronised agree to a millisecond or two, filters of different channels to as much.
-const USUAL_S: f64 = 2e-3;
+    Parameter::ranged("delay", "s", [-LONGEST_S, LONGEST_S], 0.02, "positive: the node's samples come late");
 
 /// See [`ABOUT`].
 #[derive(Debug)]

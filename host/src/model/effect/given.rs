@@ -136,7 +136,7 @@ impl Effect {
         self.kind.contribution(&self.given(), structure)
     }
 
-    /// What to know of it with these values in a structure, if anything.
+    /// A warning about its values in a structure.
     pub fn caution(&self, structure: &Structure) -> Option<String> {
         self.kind.caution(&self.given(), structure)
     }
@@ -145,10 +145,10 @@ impl Effect {
         Given { parameters: self.parameters, values: &self.values, place: self.place.as_ref() }
     }
 
-    /// `kind@where=value`, or `kind@where=name=value,...` of several or where the name tells what it is: read again, it is this effect.
+    /// `kind@where=value`, or `kind@where=name=value,...` of several: read again, it is this effect.
     pub fn typed(&self) -> String {
         let values: Vec<String> = match self.parameters().collect::<Vec<_>>()[..] {
-            [(parameter, value)] if !parameter.is_named => vec![format!("{value:e}")],
+            [(_, value)] => vec![format!("{value:e}")],
             ref several => several.iter().map(|(parameter, value)| format!("{}={value:e}", parameter.name)).collect(),
         };
         if values.is_empty() { self.to_string() } else { format!("{self}={}", values.join(",")) }

@@ -86,13 +86,7 @@ pub trait EffectKind: fmt::Debug + Send + Sync {
     /// The sets of parameters by which it can be given, the usual one first; all of a set are needed.
     fn parameter_sets(&self) -> &'static [&'static [Parameter]];
 
-    /// Whether sets of as many parameters are different physics, each of which is looked for; else a second one is for structures to which
-    /// the first does not apply.
-    fn has_rival_sets(&self) -> bool {
-        false
-    }
-
-    /// What to know of such values in this structure, if anything.
+    /// A warning about these values in `structure`.
     fn caution(&self, _given: &Given<'_>, _structure: &Structure) -> Option<String> {
         None
     }
@@ -220,17 +214,14 @@ impl<'a> Given<'a> {
         }
     }
 
-    /// Whether the structure is a model of storeys.
+    /// Whether the structure is a model of storeys, in both directions where each has a value of its own.
     ///
     /// # Errors
     /// [`EffectError::NeedsStoreys`] where it is not.
     pub(super) fn check_storeys(&self, kind: &dyn EffectKind, structure: &Structure) -> Result<(), EffectError> {
-        let needed = || EffectError::NeedsStoreys { kind: kind.name() };
-        let Body::Matrices(matrices) = &structure.body else { return Err(needed()) };
-        // As it is given: what other effects make of it may be none.
-        let assembly = Assembly::of_matrices(matrices);
-        let is_of_storeys = (0..2).any(|direction| Storeys::along(direction, &assembly).is_some());
-        is_of_storeys.then_some(()).ok_or_else(needed)
+        let directions = Storeys::of(structure).iter().flatten().count();
+        let is_of_storeys = directions >= self.parameters.len().clamp(1, 2);
+        is_of_storeys.then_some(()).ok_or_else(|| EffectError::NeedsStoreys { kind: kind.name() })
     }
 
     /// The error that the effect acts elsewhere.

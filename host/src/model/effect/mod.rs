@@ -13,6 +13,7 @@ mod base_rotation;
 mod base_torsion;
 mod base_translation;
 mod catalogue;
+mod chord_drift;
 mod clock_offset;
 mod connection_flexibility;
 mod coupled_shear;
@@ -21,6 +22,7 @@ mod error;
 mod foundation_mass;
 #[cfg(test)]
 mod foundation_tests;
+mod frame_bending;
 mod given;
 mod ground_springs;
 mod harmonic;

@@ -24,9 +24,6 @@ pub struct Parameter {
     pub power: u8,
     /// Distances from the neutral value up to this are found in every good installation, and are no finding.
     pub usual: f64,
-    /// Whether a value alone does not say what it is, since another parameter of the kind may stand in its place.
-    #[serde(skip)]
-    pub is_named: bool,
 }
 
 /// The typical size of a parameter: one standard deviation of what is expected before anything is measured.
@@ -55,18 +52,7 @@ impl Parameter {
     /// A number of zero or more whose typical size depends on the structure.
     pub(super) const fn positive(name: &'static str, unit: &'static str, meaning: &'static str) -> Self {
         let prior = Prior::FrequencyShift(TYPICAL_SHIFT);
-        Self {
-            name,
-            unit,
-            least: 0.0,
-            greatest: f64::INFINITY,
-            neutral: 0.0,
-            meaning,
-            prior,
-            power: 1,
-            usual: 0.0,
-            is_named: false,
-        }
+        Self { name, unit, least: 0.0, greatest: f64::INFINITY, neutral: 0.0, meaning, prior, power: 1, usual: 0.0 }
     }
 
     /// The same of a number whose square is what counts, up to a greatest.
@@ -82,18 +68,7 @@ impl Parameter {
         typical: f64,
         meaning: &'static str,
     ) -> Self {
-        Self {
-            name,
-            unit,
-            least,
-            greatest,
-            neutral: 0.0,
-            meaning,
-            prior: Prior::Value(typical),
-            power: 1,
-            usual: 0.0,
-            is_named: false,
-        }
+        Self { name, unit, least, greatest, neutral: 0.0, meaning, prior: Prior::Value(typical), power: 1, usual: 0.0 }
     }
 
     /// A factor, which is not there at 1.
@@ -111,11 +86,6 @@ impl Parameter {
         Self { usual, ..self }
     }
 
-    /// The same, with its name wherever its value is told.
-    pub(super) const fn always_named(self) -> Self {
-        Self { is_named: true, ..self }
-    }
-
     /// A number that is not fitted.
     pub(super) const fn given(
         name: &'static str,
@@ -123,18 +93,7 @@ impl Parameter {
         [least, greatest]: [f64; 2],
         meaning: &'static str,
     ) -> Self {
-        Self {
-            name,
-            unit,
-            least,
-            greatest,
-            neutral: 0.0,
-            meaning,
-            prior: Prior::Given,
-            power: 1,
-            usual: 0.0,
-            is_named: false,
-        }
+        Self { name, unit, least, greatest, neutral: 0.0, meaning, prior: Prior::Given, power: 1, usual: 0.0 }
     }
 
     /// The value that changes `times` as much as `small` does, both as distances from the neutral value.
