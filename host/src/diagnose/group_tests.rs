@@ -45,15 +45,15 @@ const STOREY_M: f64 = 3.0;
 
 /// The study's files, with a group a storey and `more` at the end.
 fn files(folder: &Path, more: &str) -> Study {
-    files_with(folder, "", more)
+    files_with(folder, &[STIFFNESS_N_PER_M; STOREYS], "", more)
 }
 
-/// The same, with more about the matrices in `of_matrices`.
-fn files_with(folder: &Path, of_matrices: &str, more: &str) -> Study {
+/// The same of storeys of these stiffnesses, with more about the matrices in `of_matrices`.
+fn files_with(folder: &Path, stiffness_n_per_m: &[f64], of_matrices: &str, more: &str) -> Study {
     let floor = |storey: usize| format!("{storey},{storey},ux,{}\n", STOREY_M * storey as f64);
     let floors: String = (1..=STOREYS).map(floor).collect();
     fs::write(folder.join("dofs.csv"), format!("row,node,dof,z_m\n,0,ux,0\n{floors}")).unwrap();
-    let whole: DMatrix<f64> = (0..STOREYS).map(|storey| part(storey) * STIFFNESS_N_PER_M).sum();
+    let whole: DMatrix<f64> = (0..STOREYS).map(|storey| part(storey) * stiffness_n_per_m[storey]).sum();
     fs::write(folder.join("k.mtx"), written(&whole)).unwrap();
     fs::write(folder.join("m.mtx"), written(&(DMatrix::identity(STOREYS, STOREYS) * MASS_KG))).unwrap();
     let mut text = "[structure]\nname = \"frame\"\n\n[measured]\nmodes = \"modes.csv\"\n\n".to_owned();
@@ -62,7 +62,8 @@ fn files_with(folder: &Path, of_matrices: &str, more: &str) -> Study {
     }
     writeln!(text, "[model]\nmatrices = {{ stiffness = \"k.mtx\", mass = \"m.mtx\"{of_matrices} }}\n").unwrap();
     for storey in 1..=STOREYS {
-        fs::write(folder.join(format!("{storey}.mtx")), written(&(part(storey - 1) * STIFFNESS_N_PER_M))).unwrap();
+        fs::write(folder.join(format!("{storey}.mtx")), written(&(part(storey - 1) * stiffness_n_per_m[storey - 1])))
+            .unwrap();
         write!(text, "[[model.group]]\nname = \"storey{storey}\"\nstiffness = \"{storey}.mtx\"\nstd = {STD}\n")
             .unwrap();
         let top_m = STOREY_M * storey as f64;
@@ -142,10 +143,10 @@ fn the_storey_that_lacks_stiffness_is_named_with_its_value() {
     }
 }
 
-/// Columns get longer and shorter, and no storey's stiffness has any of it: sways of a cantilever, integrated in steps of 10 mm, are added to
-/// those of the storeys.
+/// Columns get longer and shorter: sways of a cantilever, integrated in steps of 10 mm, are added to those of the storeys. Where the model has its
+/// storeys by drawings, it leaves that out; where it has them by the sway under a load, they have it in one.
 #[test]
-fn bending_that_the_storeys_leave_out_is_named_with_its_size() {
+fn bending_of_the_whole_is_named_with_its_size_whether_storeys_have_it_or_not() {
     let height_m = |floor: usize| STOREY_M * (floor + 1) as f64;
     let bent = DMatrix::from_fn(STOREYS, STOREYS, |at, force| {
         let steps = (100.0 * height_m(at).min(height_m(force))).round() as usize;
@@ -155,19 +156,28 @@ fn bending_that_the_storeys_leave_out_is_named_with_its_size() {
     let loads = DVector::from_fn(STOREYS, |floor, _| height_m(floor));
     let top = |flexibility: &DMatrix<f64>| (flexibility * &loads)[STOREYS - 1];
     let drawn = storeys(&[1.0; STOREYS]).try_inverse().unwrap();
-    let folder = tempfile::tempdir().unwrap();
-    let study = files_with(folder.path(), DOFS, "");
-    let (structure, model, sensors) = (load(&study).unwrap().bare(), study.model.clone().unwrap(), study.sensors());
-    for (seed, ratio) in [(31, 0.3), (32, 0.6), (33, 0.15)] {
+    let cases = [(31, 0.3, false), (32, 0.6, false), (33, 0.15, false), (34, 0.3, true), (35, 0.6, true)];
+    for (seed, ratio, by_sway) in cases {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
-        let sheared = storeys(&scattered(&mut random)).try_inverse().unwrap();
-        let flexibility = sheared + &bent * (ratio * top(&drawn) / top(&bent));
+        let bent = &bent * (ratio * top(&drawn) / top(&bent));
+        let sway = (&drawn + &bent) * &loads;
+        let by_load = |storey: usize| {
+            let below = if storey > 0 { sway[storey - 1] } else { 0.0 };
+            loads.rows(storey, STOREYS - storey).sum() / (sway[storey] - below)
+        };
+        let stiffness: Vec<f64> =
+            (0..STOREYS).map(|storey| if by_sway { by_load(storey) } else { STIFFNESS_N_PER_M }).collect();
+        let folder = tempfile::tempdir().unwrap();
+        let study = files_with(folder.path(), &stiffness, DOFS, "");
+        let (structure, model, sensors) = (load(&study).unwrap().bare(), study.model.clone().unwrap(), study.sensors());
+        let flexibility = storeys(&scattered(&mut random)).try_inverse().unwrap() + bent;
         let modes = measured_of(flexibility.try_inverse().unwrap(), 5, &mut random);
-        let problem = Problem::new(structure.clone(), &[], &model, &sensors, &modes).unwrap();
+        let problem = Problem::new(structure, &[], &model, &sensors, &modes).unwrap();
         let diagnosis = diagnose(&problem, &[], &Signals::default(), &Options::default()).unwrap();
-        assert_eq!(diagnosis.best, ["chord-drift"], "seed {seed}: {:?}", diagnosis.candidates);
+        let (kind, truth) = if by_sway { ("overall-bending", ratio / (1.0 + ratio)) } else { ("chord-drift", ratio) };
+        assert_eq!(diagnosis.best, [kind], "seed {seed}: {:?}", diagnosis.candidates);
         let value = &diagnosis.candidates[0].parameters[0];
-        assert!((value.value - ratio).abs() < 3.0 * value.std.unwrap(), "seed {seed}: {value:?} of {ratio}");
+        assert!((value.value - truth).abs() < 3.0 * value.std.unwrap(), "seed {seed}: {value:?} of {truth}");
     }
 }
 

@@ -244,6 +244,11 @@ fn a_tall_frame_bends_as_one() {
     let diagnosis = json(&["diagnose", place]);
     assert_eq!((&diagnosis["verdict"], &diagnosis["best"][0]), (&"effect".into(), &"overall-bending".into()));
     assert!(number(&diagnosis["probabilities"]["adequate"]) < 0.01, "{}", diagnosis["probabilities"]);
+    let warnings = diagnosis["warnings"].to_string();
+    assert!(
+        warnings.contains("the storeys below 19.8 m (along X) would be more than ten times as stiff"),
+        "{warnings}"
+    );
     belfry_command().args(["add", place, "overall-bending"]).assert().success();
     // Against the measurement as it is, without a fit of any storey: all that is left is a scale, within 2 % of 6 %.
     let after = errors(&json(&["compare", place]));
