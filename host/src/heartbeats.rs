@@ -22,6 +22,9 @@ const LOCK_FILE: &str = ".belfry-heartbeats-lock";
 const MOST_WAITING: usize = 720;
 /// No line that a heartbeat makes is as long.
 pub(crate) const LONGEST_LINE: u64 = 4096;
+/// Time between two of a node, in s, and more than nearly all of them take.
+const EVERY_S: f64 = 120.0;
+const LONG_LINE: u64 = 512;
 
 /// A heartbeat, as it is kept.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -167,13 +170,41 @@ pub fn read(folder: &Path, mut on_heartbeat: impl FnMut(KeptHeartbeat)) -> io::R
     Ok(broken)
 }
 
+/// Reads the heartbeats of about the last `since_s` of so many nodes, oldest first, and some before them: a file of years is not read from its beginning.
+///
+/// # Errors
+/// When the file cannot be read.
+pub fn newest(
+    folder: &Path,
+    since_s: f64,
+    nodes: usize,
+    mut on_heartbeat: impl FnMut(KeptHeartbeat),
+) -> io::Result<()> {
+    let mut file = match open_plain(&folder.join(HEARTBEATS_FILE)) {
+        Err(error) if error.kind() == ErrorKind::NotFound => return Ok(()),
+        file => file?,
+    };
+    let wanted = (since_s / EVERY_S).ceil() as u64 * nodes as u64 * LONG_LINE;
+    let start = file.metadata()?.len().saturating_sub(wanted);
+    file.seek(SeekFrom::Start(start))?;
+    // Half a line at the start is no heartbeat.
+    each_line_of(BufReader::new(file), |line| {
+        if let Ok(heartbeat) = serde_json::from_slice(line) {
+            on_heartbeat(heartbeat);
+        }
+    })
+}
+
 /// The lines of the file, without their ends. Of one that is too long there is the beginning, which is no heartbeat.
 fn each_line(folder: &Path, mut on_line: impl FnMut(&[u8])) -> io::Result<()> {
     let file = match open_plain(&folder.join(HEARTBEATS_FILE)) {
         Err(error) if error.kind() == ErrorKind::NotFound => return Ok(()),
         file => file?,
     };
-    let mut reader = BufReader::new(file);
+    each_line_of(BufReader::new(file), &mut on_line)
+}
+
+fn each_line_of(mut reader: impl BufRead, mut on_line: impl FnMut(&[u8])) -> io::Result<()> {
     let mut line = Vec::new();
     loop {
         read_line(&mut reader, &mut line)?;

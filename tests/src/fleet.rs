@@ -83,25 +83,31 @@ impl fmt::Display for FleetCost {
     }
 }
 
-/// Follows so many structures for so many hours.
+/// Has so many structures followed, and publishes so many hours of each; processor time of the gateways in s. `about` is put into `[structure]` of
+/// each, by its number.
 ///
 /// # Errors
-/// When the simulation, the server or a command fails.
-pub fn run(structures: usize, hours: usize, seed: u64) -> Result<FleetCost, Box<dyn Error>> {
+/// When the simulation, or the server, fails.
+pub fn publish(
+    server: &NatsServer,
+    structures: usize,
+    hours: usize,
+    seed: u64,
+    about: impl Fn(usize) -> String,
+) -> Result<f64, Box<dyn Error>> {
     let folder = super::folder_in_memory()?;
     let first = folder.path().join("first");
     fs::create_dir(&first)?;
     write(&first, hours, seed)?;
     let mut project = Project::open(&first)?;
     project.identify(&IdentifyRequest::by(Route::Direct), &mut |_| {})?;
-    let server = NatsServer::start()?;
     let address = Address::parse(&server.url())?;
     let mut gateway_s = 0.0;
     let text = fs::read_to_string(first.join("study.toml"))?;
     for number in 0..structures {
         let study = folder.path().join("next");
         fs::create_dir_all(study.join("results"))?;
-        let name = format!("name = \"Tower {number}\"");
+        let name = format!("name = \"Tower {number}\"\n{}", about(number));
         fs::write(study.join("study.toml"), text.replacen("name = \"Tower\"", &name, 1))?;
         for file in ["beam.csv", ARCHIVE_FILE, "results/modes.json"] {
             fs::copy(first.join(file), study.join(file))?;
@@ -114,6 +120,16 @@ pub fn run(structures: usize, hours: usize, seed: u64) -> Result<FleetCost, Box<
         gateway_s += cpu_s(std::process::id())? - before;
         fs::remove_dir_all(&study.folder)?;
     }
+    Ok(gateway_s)
+}
+
+/// Follows so many structures for so many hours.
+///
+/// # Errors
+/// When the simulation, the server or a command fails.
+pub fn run(structures: usize, hours: usize, seed: u64) -> Result<FleetCost, Box<dyn Error>> {
+    let server = NatsServer::start()?;
+    let gateway_s = publish(&server, structures, hours, seed, |_| String::new())?;
     let stored = |stream: &str| bytes_below(&server.folder().join("store0/jetstream/$G/streams").join(stream));
     let window_bytes = stored("BELFRY")?;
     let server_before = server.cpu_s()?;

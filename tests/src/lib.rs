@@ -16,6 +16,7 @@ pub mod fuzz;
 pub mod live;
 pub mod nats;
 mod npy;
+pub mod post;
 pub mod records;
 pub mod schema;
 mod spectral;

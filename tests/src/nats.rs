@@ -3,15 +3,24 @@
 use std::fs;
 use std::io;
 use std::net::{TcpListener, TcpStream};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::thread;
 use std::time::{Duration, Instant};
 
 use async_nats::jetstream;
+use base64::Engine as _;
+use base64::engine::general_purpose::URL_SAFE_NO_PAD;
+use nkeys::KeyPair;
+use serde_json::{Value, json};
+
+use super::post::Certificate;
 
 /// How long a server may take to start.
 const START: Duration = Duration::from_secs(30);
+/// The streams that Belfry makes, with those below its buckets.
+const STREAMS: [&str; 6] =
+    ["BELFRY", "BELFRY_RESULTS", "KV_belfry-structures", "KV_belfry-states", "KV_belfry-workers", "OBJ_belfry-studies"];
 
 /// A server, whose streams stand in a folder in memory. It ends with this.
 #[derive(Debug)]
@@ -19,6 +28,85 @@ pub struct NatsServer {
     folder: tempfile::TempDir,
     ports: Vec<[u16; 2]>,
     children: Vec<Option<Child>>,
+    secured: Option<Secured>,
+}
+
+/// What a server asks of who connects.
+#[derive(Debug)]
+struct Secured {
+    certificate: Certificate,
+    credentials: PathBuf,
+    /// What its configuration says of that.
+    configuration: String,
+}
+
+/// Whether all streams stand on as many servers as they should.
+async fn is_whole(client: &async_nats::Client, context: &jetstream::Context) -> bool {
+    // Not by query_account, which asks for what servers before 2.10 do not say.
+    let answer = client.request("$JS.API.INFO", "".into()).await;
+    let said: Option<Value> = answer.ok().and_then(|answer| serde_json::from_slice(&answer.payload).ok());
+    if said.is_none_or(|said| !said["error"].is_null()) {
+        return false;
+    }
+    for name in STREAMS {
+        let Ok(stream) = context.get_stream(name).await else { continue };
+        let cluster = stream.cached_info().cluster.as_ref();
+        let is_current = cluster.is_none_or(|cluster| {
+            cluster.leader.is_some() && cluster.replicas.iter().all(|peer| peer.current && !peer.offline)
+        });
+        if !is_current {
+            return false;
+        }
+    }
+    true
+}
+
+/// A token that an issuer's key signs (JWT with ed25519), as NATS servers trust it.
+fn token(issuer: &KeyPair, name: &str, of: &KeyPair, nats: &Value) -> Result<String, Box<dyn std::error::Error>> {
+    let claims = json!({
+        "jti": name, "iat": 1_700_000_000, "iss": issuer.public_key(), "name": name, "sub": of.public_key(), "nats": nats,
+    });
+    let coded = |value: &Value| URL_SAFE_NO_PAD.encode(value.to_string());
+    let text = format!("{}.{}", coded(&json!({ "typ": "JWT", "alg": "ed25519-nkey" })), coded(&claims));
+    let signature = issuer.sign(text.as_bytes())?;
+    Ok(format!("{text}.{}", URL_SAFE_NO_PAD.encode(signature)))
+}
+
+impl Secured {
+    /// An operator, two accounts and a user, as `nsc` makes them, and a certificate.
+    fn make(folder: &Path) -> Result<Self, Box<dyn std::error::Error>> {
+        let certificate = Certificate::make(folder)?;
+        let (operator, system, account, user) =
+            (KeyPair::new_operator(), KeyPair::new_account(), KeyPair::new_account(), KeyPair::new_user());
+        let limits = json!({
+            "subs": -1, "data": -1, "payload": -1, "imports": -1, "exports": -1, "wildcards": true, "conn": -1, "leaf": -1,
+            "mem_storage": -1, "disk_storage": -1, "streams": -1, "consumer": -1,
+        });
+        let of_account = json!({ "limits": limits, "type": "account", "version": 2 });
+        let of_system = json!({ "type": "account", "version": 2, "limits": { "subs": -1, "data": -1, "payload": -1, "imports": -1, "exports": -1, "wildcards": true, "conn": -1, "leaf": -1 } });
+        let of_user =
+            json!({ "pub": {}, "sub": {}, "subs": -1, "data": -1, "payload": -1, "type": "user", "version": 2 });
+        let of_operator = json!({ "type": "operator", "version": 2, "system_account": system.public_key() });
+        let configuration = format!(
+            "operator: {}\nsystem_account: {}\nresolver: MEMORY\nresolver_preload: {{ {}: {}, {}: {} }}\ntls {{ cert_file: \"{}\", key_file: \"{}\" }}\n",
+            token(&operator, "operator", &operator, &of_operator)?,
+            system.public_key(),
+            system.public_key(),
+            token(&operator, "system", &system, &of_system)?,
+            account.public_key(),
+            token(&operator, "belfry", &account, &of_account)?,
+            certificate.certificate.display(),
+            certificate.key.display(),
+        );
+        let credentials = folder.join("belfry.creds");
+        let text = format!(
+            "-----BEGIN NATS USER JWT-----\n{}\n------END NATS USER JWT------\n\n-----BEGIN USER NKEY SEED-----\n{}\n------END USER NKEY SEED------\n",
+            token(&account, "gateway", &user, &of_user)?,
+            user.seed()?
+        );
+        fs::write(&credentials, text)?;
+        Ok(Self { certificate, credentials, configuration })
+    }
 }
 
 impl NatsServer {
@@ -35,16 +123,50 @@ impl NatsServer {
     /// # Errors
     /// When they cannot be started.
     pub fn start_cluster(servers: usize) -> io::Result<Self> {
+        Self::start_as(servers, super::folder_in_memory()?, None)
+    }
+
+    /// Starts one that encrypts, and lets in who has its credentials.
+    ///
+    /// # Errors
+    /// When it cannot be started, or openssl makes no certificate.
+    pub fn start_secured() -> Result<Self, Box<dyn std::error::Error>> {
         let folder = super::folder_in_memory()?;
+        let secured = Secured::make(folder.path())?;
+        Ok(Self::start_as(1, folder, Some(secured))?)
+    }
+
+    /// What a command needs to be let in.
+    pub fn arguments(&self) -> Vec<String> {
+        let of = |secured: &Secured| {
+            let (trust, credentials) = (&secured.certificate.certificate, &secured.credentials);
+            let path = |path: &Path| path.display().to_string();
+            vec!["--trust".to_owned(), path(trust), "--credentials".to_owned(), path(credentials)]
+        };
+        self.secured.as_ref().map(of).unwrap_or_default()
+    }
+
+    async fn connect(&self) -> Result<async_nats::Client, Box<dyn std::error::Error>> {
+        let mut options = async_nats::ConnectOptions::new();
+        if let Some(secured) = &self.secured {
+            options = options.add_root_certificates(secured.certificate.certificate.clone()).require_tls(true);
+            options = options.credentials(&fs::read_to_string(&secured.credentials)?)?;
+        }
+        let urls: Vec<String> = self.url().split(',').map(str::to_owned).collect();
+        Ok(options.connect(urls).await?)
+    }
+
+    fn start_as(servers: usize, folder: tempfile::TempDir, secured: Option<Secured>) -> io::Result<Self> {
         let listeners = (0..2 * servers).map(|_| TcpListener::bind("127.0.0.1:0")).collect::<io::Result<Vec<_>>>()?;
         let ports: Vec<u16> =
             listeners.iter().map(|one| one.local_addr().map(|address| address.port())).collect::<io::Result<_>>()?;
         drop(listeners);
-        let mut new =
-            Self { folder, ports: ports.as_chunks::<2>().0.to_vec(), children: (0..servers).map(|_| None).collect() };
+        let children = (0..servers).map(|_| None).collect();
+        let mut new = Self { folder, ports: ports.as_chunks::<2>().0.to_vec(), children, secured };
         for server in 0..servers {
             new.restart(server)?;
         }
+        new.wait_until_ready().map_err(|error| io::Error::other(error.to_string()))?;
         Ok(new)
     }
 
@@ -60,6 +182,9 @@ impl NatsServer {
             "server_name: s{server}\nlisten: \"127.0.0.1:{port}\"\njetstream {{ store_dir: \"{}\" }}\n",
             store.display()
         );
+        if let Some(secured) = &self.secured {
+            text += &secured.configuration;
+        }
         if self.ports.len() > 1 {
             let routes: Vec<String> = self.ports.iter().map(|[_, port]| format!("nats://127.0.0.1:{port}")).collect();
             let routes = routes.join(", ");
@@ -83,6 +208,27 @@ impl NatsServer {
         Ok(())
     }
 
+    /// Waits until the servers have elected one of them, answer, and have all that the others have.
+    ///
+    /// # Errors
+    /// When they do not.
+    pub fn wait_until_ready(&self) -> Result<(), Box<dyn std::error::Error>> {
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+        let start = Instant::now();
+        runtime.block_on(async {
+            let client = self.connect().await?;
+            let mut context = jetstream::new(client.clone());
+            context.set_timeout(Duration::from_secs(1));
+            while !is_whole(&client, &context).await {
+                if start.elapsed() > START {
+                    return Err("the servers do not come together".into());
+                }
+                tokio::time::sleep(Duration::from_millis(100)).await;
+            }
+            Ok(())
+        })
+    }
+
     /// Kills one at once.
     ///
     /// # Errors
@@ -95,7 +241,8 @@ impl NatsServer {
 
     /// Where it is; all of a cluster, with commas between them.
     pub fn url(&self) -> String {
-        let urls: Vec<String> = self.ports.iter().map(|[port, _]| format!("nats://127.0.0.1:{port}")).collect();
+        let scheme = if self.secured.is_some() { "tls" } else { "nats" };
+        let urls: Vec<String> = self.ports.iter().map(|[port, _]| format!("{scheme}://127.0.0.1:{port}")).collect();
         urls.join(",")
     }
 
@@ -121,10 +268,22 @@ impl NatsServer {
     pub fn count(&self, stream: &str) -> Result<usize, Box<dyn std::error::Error>> {
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
         runtime.block_on(async {
-            let urls: Vec<String> = self.url().split(',').map(str::to_owned).collect();
-            let context = jetstream::new(async_nats::connect(urls).await?);
+            let context = jetstream::new(self.connect().await?);
             let stream = context.get_stream(stream).await?;
             Ok(usize::try_from(stream.cached_info().state.messages)?)
+        })
+    }
+
+    /// Puts an entry into a bucket.
+    ///
+    /// # Errors
+    /// When the server fails.
+    pub fn put(&self, bucket: &str, key: &str, value: &Value) -> Result<(), Box<dyn std::error::Error>> {
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+        runtime.block_on(async {
+            let bucket = jetstream::new(self.connect().await?).get_key_value(bucket).await?;
+            bucket.put(key, value.to_string().into()).await?;
+            Ok(())
         })
     }
 
@@ -135,8 +294,7 @@ impl NatsServer {
     pub fn messages(&self, stream: &str) -> Result<Vec<StoredMessage>, Box<dyn std::error::Error>> {
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
         runtime.block_on(async {
-            let urls: Vec<String> = self.url().split(',').map(str::to_owned).collect();
-            let context = jetstream::new(async_nats::connect(urls).await?);
+            let context = jetstream::new(self.connect().await?);
             let Ok(stream) = context.get_stream(stream).await else { return Ok(Vec::new()) };
             let state = stream.cached_info().state.clone();
             let mut messages = Vec::new();

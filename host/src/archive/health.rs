@@ -3,6 +3,7 @@
 use serde::Serialize;
 
 use super::{Archive, ArchiveError};
+use crate::watch::WindowHead;
 
 /// How a node has served a setup.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -26,6 +27,31 @@ pub struct NodeHealth {
 }
 
 impl Archive {
+    /// The heads of the newest windows of a node, `most` at most, the newest first.
+    ///
+    /// # Errors
+    /// Where the archive cannot be read.
+    pub fn newest_heads(&self, setup: &str, node: u16, most: usize) -> Result<Vec<WindowHead>, ArchiveError> {
+        // By the index: a setup's windows are read from the newest on until there are enough of the node's.
+        const QUERY: &str = "
+            SELECT start_us, received_us, middle_offset_us, drift_ppb FROM window
+            WHERE setup = ?1 AND node = ?2 ORDER BY start_us DESC LIMIT ?3";
+        let read = || -> rusqlite::Result<Vec<WindowHead>> {
+            let mut statement = self.connection.prepare(QUERY)?;
+            let heads = statement.query_map((setup, node, most as i64), |row| {
+                let (start_us, received_us): (i64, i64) = (row.get(0)?, row.get(1)?);
+                Ok(WindowHead {
+                    time_s: start_us.max(received_us) as f64 * 1e-6,
+                    start_s: start_us as f64 * 1e-6,
+                    middle_offset_s: f64::from(row.get::<_, i32>(2)?) * 1e-6,
+                    drift_ppm: f64::from(row.get::<_, i32>(3)?) * 1e-3,
+                })
+            })?;
+            heads.collect()
+        };
+        read().map_err(|source| self.failed(source))
+    }
+
     /// How every node has served every setup so far.
     ///
     /// # Errors

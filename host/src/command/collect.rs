@@ -6,7 +6,7 @@ mod view;
 use std::ops::ControlFlow;
 use std::path::PathBuf;
 use std::sync::atomic::Ordering;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use anyhow::bail;
 use clap::Args;
@@ -25,6 +25,7 @@ use crate::keys::Keys;
 use crate::link::port::{is_remote, open_to_others};
 use crate::link::with_cause;
 use crate::patience::patiently;
+use crate::seedlink::{SeedLink, SeedLinkNews};
 use crate::study::Study;
 use events::EventLine;
 use view::View;
@@ -36,12 +37,15 @@ const EXAMPLES: &str = "Examples:
   belfry collect tower --for 12h                       then stop
   belfry collect tower --setup upper                   one of several live setups
   belfry collect tower --to nats://hub:4222            a gateway of a fleet
+  belfry collect dam --seedlink seis.example.org       records of an accelerometer network
 
 In study.toml the setup has `live = true` instead of `files`. Its sensors say which node samples them; a node's channels are its sensors in their order there. [analysis] needs band_hz: nodes must know it before there are data. The segment is the finest that leaves enough averages after --hours, unless [analysis] gives one.
 
 A node with a key (`belfry key`) is only collected from with it.
 
 Windows go into the study's archive.sqlite. A node forgets a window only when it is on this disk, and keeps the others as long as it has room, so collecting can be stopped and started again at any time. A full disk, or another program that writes into the archive, does not end it: it is tried again. With --to, windows and heartbeats also go to a server, where `belfry work` takes them; while it is away collecting goes on, and what is missing follows later. While it runs, `belfry identify`, `belfry compare` and the rest work on what has come so far.
+
+With --seedlink, records of the channels that the study's recordings name (NET.STA.LOC.CHA) come from a SeedLink server and go to a file for each channel and day, where `files` finds them, such as `seis/*.mseed`. It goes on where it stopped.
 
 With --json every event is one line, a JSON object with `event`, `time`, `port` and `node`:
   port    the port has come to another `state`, with its `reason` on errors
@@ -61,6 +65,9 @@ pub struct Arguments {
     /// A port to collect from: a device, `tcp:HOST:PORT` or `unix:PATH`; repeat for more [default: all serial ports]
     #[arg(long = "port", value_name = "PORT")]
     ports: Vec<String>,
+    /// Collect miniSEED of existing accelerometers from a SeedLink server instead, into the files of the study's recordings
+    #[arg(long, value_name = "HOST", conflicts_with_all = ["ports", "setup", "hours", "to", "drop_foreign", "bits"])]
+    seedlink: Option<String>,
     /// Baud rate of serial ports
     #[arg(long, default_value_t = 115_200)]
     baud: u32,
@@ -98,6 +105,25 @@ fn hours(text: &str) -> Result<f64, String> {
     }
 }
 
+/// Collects records until it is stopped.
+fn seedlink(study: &Study, server: &str, duration: Option<Duration>, console: &Console) -> anyhow::Result<()> {
+    let mut client = SeedLink::new(study, server)?;
+    if console.is_json() {
+        bail!("--json is for nodes; with --seedlink, the files in the study's folder say what has come");
+    }
+    let stop = stop_on_signal()?;
+    console.say(format!("Channels {}. Ctrl-C stops.", client.channels().join(", ")));
+    let start = Instant::now();
+    let is_over = || stop.load(Ordering::Relaxed) || duration.is_some_and(|duration| start.elapsed() >= duration);
+    let count = client.collect(is_over, |news| match news {
+        SeedLinkNews::Waiting { reason } => console.report(format_args!("{reason}. It is tried again.")),
+        SeedLinkNews::Connected => console.report("connected"),
+        SeedLinkNews::Records { .. } => {}
+    })?;
+    console.say(format!("{count} records of miniSEED."));
+    Ok(())
+}
+
 /// Runs the command.
 ///
 /// # Errors
@@ -105,6 +131,9 @@ fn hours(text: &str) -> Result<f64, String> {
 /// written.
 pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     let study = Study::load(&arguments.study)?;
+    if let Some(server) = &arguments.seedlink {
+        return seedlink(&study, server, arguments.duration, console);
+    }
     // That the study has a live setup is known before its folder is written to.
     Collection::live_setup(&study, arguments.setup.as_deref())?;
     if arguments.to.is_none() && arguments.server.are_given() {

@@ -1,14 +1,12 @@
 //! `belfry watch`: whether a structure has changed for good, day after day.
 
-use std::io::Write;
 use std::path::PathBuf;
-use std::process::{Command, Stdio};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
-use anyhow::{Context, bail};
+use anyhow::{Context, anyhow, bail};
 use clap::Args;
 
 use super::Console;
@@ -18,10 +16,14 @@ use super::route::{RouteArguments, percent};
 use super::text::{Columns, values_before_units};
 use crate::archive::moment;
 use crate::diagnose::{ChangeVerdict, Direction};
+use crate::notify::{Hook, Notifier};
 use crate::numbers::probability_text;
 use crate::results::ALARMS_FILE;
-use crate::story::{Cause, Event, EventKind, ProbableEffect, Project, WatchReport, WatchRequest};
-use crate::watch::{Alarm, DAY_S, ModeShift, Settings, Standing, State};
+use crate::story::{
+    Cause, Event, EventKind, NodeEvent, ProbableEffect, Project, StoryError, Turned, WatchEvent, WatchReport,
+    WatchRequest,
+};
+use crate::watch::{Alarm, DAY_S, ModeShift, NodeLimits, Problem, Settings, Standing, State};
 
 const EXAMPLES: &str = "Examples:
   belfry watch tower                           from now on, every hour, until stopped
@@ -31,7 +33,9 @@ const EXAMPLES: &str = "Examples:
 
 Follows the modes that `belfry identify` has found, in intervals, and judges whole days. Temperature, vibration level and what wanders for weeks are learned from the days themselves; a change is what they cannot do. The first 24 days say nothing yet. Days of frost are left out, so the setup needs a `temperature` file. An alarm has a date, a size for every mode and, where the study has a model, what it most probably is. It is followed for two weeks: then the change is lasting or withdrawn.
 
---on-alarm runs a command for every event, with the event as JSON on its standard input.
+A node that is silent, loses samples, or has a faulty sensor or a clock that is off is an alarm of its own.
+
+--on-alarm runs a command for every event, with the event as JSON on its standard input; [alarms] in study.toml has events sent by e-mail and MQTT. What fails is tried again, a quarter of an interval later and by the next watch.
 
 Writes watch.json, watch.svg (every day), watch.jsonl (every interval) and alarms.jsonl (every event) into `results`. Remove watch.jsonl, watch.json and watch_reference.json to begin anew.";
 
@@ -51,6 +55,9 @@ pub struct Arguments {
     /// When an alarm is raised
     #[command(flatten)]
     judging: JudgingArguments,
+    /// A node is an alarm when nothing has come of it for this long
+    #[arg(long, value_name = "DURATION", default_value = "15min", value_parser = humantime::parse_duration)]
+    silent_after: Duration,
     /// Run a command for every event, with the event as JSON on its standard input
     #[arg(long, value_name = "COMMAND")]
     on_alarm: Option<String>,
@@ -103,7 +110,8 @@ const LOOKS_AN_INTERVAL: u32 = 4;
 /// When there are no modes to follow, recordings cannot be read, or the command for alarms cannot be run.
 pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     let stop = stop_on_signal()?;
-    let hook = arguments.on_alarm.as_deref().map(words).transpose()?;
+    let hook = arguments.on_alarm.as_deref().map(hook_of).transpose()?;
+    let limits = NodeLimits { silent_after_s: arguments.silent_after.as_secs_f64() };
     let settings = arguments.judging.settings();
     let request = WatchRequest { every: arguments.every, route: arguments.route.route(), settings };
     let mut is_first = true;
@@ -114,40 +122,57 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
         if goes_on && console.is_json() {
             bail!("--json prints one object, and this watch goes on; add --once, or read {ALARMS_FILE}");
         }
+        let notifier = Notifier::new(project.study(), hook.as_ref());
+        let nodes = {
+            let _lock = alone(&arguments.study, console)?;
+            notifier.begin().map_err(StoryError::from).and_then(|()| project.watch_nodes(&limits))
+        };
+        let nodes = nodes.map(Some).or_else(|error| passes(error, goes_on, console))?.unwrap_or_default();
+        nodes.events.iter().for_each(|event| console.say(node_sentence(event)));
         let report = {
             let _lock = alone(&arguments.study, console)?;
-            console.with_progress(|on_progress| project.watch(&request, on_progress))
+            console.with_progress(|on_progress| project.watch(&request, nodes, on_progress))
         };
         // A live archive may have no whole interval yet.
-        match report {
-            Ok(report) => {
-                let mut told = Ok(());
-                for event in &report.events {
-                    console.say(sentence(event, is_live));
-                    if let Some(hook) = &hook {
-                        told = told.and(tell(hook, event));
-                    }
-                }
-                if is_first || report.new_intervals > 0 {
-                    say(&report, &project, is_live, is_first, console);
-                }
-                console.warn_all(&report.warnings);
-                console.json("watch-1", &report)?;
-                is_first = false;
-                match told {
-                    // Whoever is not told by the command is told here, and the watch goes on.
-                    Err(error) if goes_on => console.warn(format_args!("{error:#}")),
-                    told => told?,
-                }
+        let report = report.map(Some).or_else(|error| passes(error, goes_on, console))?;
+        for event in report.iter().flat_map(|report| &report.events) {
+            console.say(sentence(event, is_live));
+        }
+        let notifier = Notifier::new(project.study(), hook.as_ref());
+        let failures = notifier.deliver(|event| match event {
+            WatchEvent::Structure(event) => sentence(event, is_live),
+            WatchEvent::Node(event) => node_sentence(event),
+        });
+        let failures = failures.map_err(StoryError::from).map(Some);
+        let failures = failures.or_else(|error| passes(error, goes_on, console))?.unwrap_or_default();
+        if let Some(report) = report {
+            if is_first || report.new_intervals > 0 {
+                say(&report, &project, is_live, is_first, console);
             }
-            Err(error) if goes_on => console.warn(format_args!("{error}; trying again")),
-            Err(error) => return Err(error.into()),
+            console.warn_all(&report.warnings);
+            console.json("watch-1", &report)?;
+            is_first = false;
+        }
+        if goes_on {
+            failures.iter().for_each(|error| console.warn(format_args!("{error}; it is tried again")));
+        } else if !failures.is_empty() {
+            let why: Vec<String> = failures.iter().map(ToString::to_string).collect();
+            return Err(anyhow!("{}; the next watch tries again", why.join("; ")));
         }
         notify(if is_first { "WATCHDOG=1" } else { "READY=1\nWATCHDOG=1" });
         if !goes_on || waited(arguments.every / LOOKS_AN_INTERVAL, &stop) {
             return Ok(());
         }
     }
+}
+
+/// An error, of which a watch that goes on only says that there is one.
+fn passes<T>(error: StoryError, goes_on: bool, console: &Console) -> anyhow::Result<Option<T>> {
+    if goes_on {
+        console.warn(format_args!("{error}; trying again"));
+        return Ok(None);
+    }
+    Err(error.into())
 }
 
 /// Whether it is to stop, after a while or at once.
@@ -162,26 +187,9 @@ fn waited(length: Duration, stop: &Arc<AtomicBool>) -> bool {
     stop.load(Ordering::Relaxed)
 }
 
-/// The words of a command line.
-fn words(line: &str) -> anyhow::Result<Vec<String>> {
-    let words = shlex::split(line).filter(|words| !words.is_empty());
-    words.with_context(|| format!("--on-alarm: `{line}` is no command; are its quotes closed?"))
-}
-
-/// Runs the user's command with an event.
-fn tell(hook: &[String], event: &Event) -> anyhow::Result<()> {
-    let failed = || format!("--on-alarm: `{}` cannot be run", hook.join(" "));
-    let text = serde_json::to_string(event)?;
-    let mut child = Command::new(&hook[0]).args(&hook[1..]).stdin(Stdio::piped()).spawn().with_context(failed)?;
-    // A command that does not read is none the worse.
-    if let Some(mut input) = child.stdin.take() {
-        let _ = input.write_all((text + "\n").as_bytes());
-    }
-    let status = child.wait().with_context(failed)?;
-    if !status.success() {
-        bail!("--on-alarm: `{}` ended with {status}", hook.join(" "));
-    }
-    Ok(())
+/// The command of a line.
+fn hook_of(line: &str) -> anyhow::Result<Hook> {
+    Hook::parse(line).with_context(|| format!("--on-alarm: `{line}` is no command; are its quotes closed?"))
 }
 
 /// Tells systemd that the watch is alive, where it asks (sd_notify(3)).
@@ -216,6 +224,22 @@ pub(super) fn sentence(event: &Event, is_live: bool) -> String {
         }
         EventKind::Withdrawn => {
             format!("The alarm of {} is withdrawn: later days do not show it.", time(alarm.raised_s, is_live))
+        }
+    }
+}
+
+fn node_sentence(event: &NodeEvent) -> String {
+    let (node, problem) = (format!("node {} of {}", event.node, event.structure), &event.problem);
+    match event.event {
+        Turned::Begun => format!("ALARM: {node} {}: {}.", problem.problem, problem.says),
+        Turned::Ended => {
+            let again = match problem.problem {
+                Problem::Silent => "speaks again",
+                Problem::LosesSamples => "loses no more samples",
+                Problem::ClockOff => "keeps time again",
+                Problem::FaultySensor => "has a sound sensor again",
+            };
+            format!("The alarm of {node} is over: it {again}.")
         }
     }
 }
@@ -293,6 +317,11 @@ fn say(report: &WatchReport, project: &Project, is_live: bool, is_first: bool, c
     });
     for number in &judgement.lost_modes {
         console.say(format!("Mode {number} was not seen for a week, although most days before show it."));
+    }
+    for node in report.nodes.iter().filter(|_| is_first) {
+        for open in &node.problems {
+            console.say(format!("Node {} {}: {}.", node.node, open.problem, open.says));
+        }
     }
     if is_first && !judgement.alarms.is_empty() {
         let alarms = judgement.alarms.iter().zip(&report.causes);

@@ -12,17 +12,18 @@ use super::server::ServerArguments;
 use super::text::in_shell;
 use super::watch::{JudgingArguments, sentence};
 use crate::archive::moment;
-use crate::jetstream::{ToAdd, WorkNews, add, work};
+use crate::jetstream::{ToAdd, WorkNews, WorkOptions, add, work};
 use crate::study::Study;
 
 const EXAMPLES: &str = "Examples:
   belfry work --from nats://hub:4222 --add tower       have a structure followed, once its modes are identified
   belfry work --from nats://hub:4222                   work until stopped; as many of these as there is to do
+  belfry work --from nats://hub:4222 --parquet results  write results as Parquet, too
   belfry work --from tls://one,tls://two,tls://three --credentials worker.creds
 
 Gateways (`belfry collect --to`) publish windows. A worker takes its share of the structures that were added, looks for the modes of each in every interval, as `belfry watch` does, judges whole days, and publishes results and alarms. More workers share the structures among them; those of one that is killed go to the others, which go on where it was. Nothing is lost, and nothing comes twice.
 
-What is published, and how the server is set up: docs/fleet.md. With --json every event is one line: `share`, `result`, `alarm`, `waiting`, `back` and `refused`.";
+What is published, and how the server is set up: docs/fleet.md. With --json every event is one line: `share`, `result`, `alarm`, `unwritten`, `waiting`, `back` and `refused`.";
 
 /// Make modes and alarms of many structures, whose windows gateways have published
 #[derive(Debug, Args)]
@@ -40,6 +41,9 @@ pub struct Arguments {
     /// Length of an interval of the structure that is added, such as 1h or 30min
     #[arg(long, value_name = "DURATION", default_value = "1h", value_parser = interval)]
     every: Duration,
+    /// Write results as Parquet as well, a file for each structure and day, into this folder
+    #[arg(long, value_name = "DIR", conflicts_with = "add")]
+    parquet: Option<PathBuf>,
     /// When an alarm of the structure that is added is raised
     #[command(flatten)]
     judging: JudgingArguments,
@@ -69,11 +73,15 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     console
         .say(format!("Working for {address}. Ctrl-C stops; others take over, or this one when it is started again."));
     let mut unprinted = Ok(());
-    work(&address, &stop, &mut |news| {
+    let options = WorkOptions { parquet: arguments.parquet.clone() };
+    work(&address, &options, &stop, &mut |news| {
         match &news {
             WorkNews::Waiting { reason } => console.report(format_args!("waiting: {reason}. It is tried again.")),
             WorkNews::Refused { structure, reason } => {
                 console.warn(format_args!("{structure} is not followed until it is added anew: {reason}"));
+            }
+            WorkNews::Unwritten { reason } => {
+                console.warn(format_args!("{reason}; the results are in the stream, and written with the next"));
             }
             WorkNews::Result { result, .. } => result.warnings.iter().for_each(|warning| {
                 console.warn(format_args!("{}, {}: {warning}", result.structure, begin(result.start_s)));
@@ -102,6 +110,7 @@ fn in_words(news: &WorkNews) -> String {
         }
         WorkNews::Alarm { alarm } => sentence(alarm, true),
         WorkNews::Waiting { .. } => "The server is away.".to_owned(),
+        WorkNews::Unwritten { .. } => "A file of results is not written.".to_owned(),
         WorkNews::Back { after_s } => format!("The server is back after {after_s:.0} s."),
         WorkNews::Refused { structure, .. } => format!("{structure} is not followed."),
     }

@@ -4,6 +4,7 @@
 //! latter as CSV. A model with its effects ([`model`]) flows out as matrices that [`crate::model`] reads back; averaged spectra and the lines of
 //! every window ([`spectra`]) as Parquet or CSV, the lines while they are measured. A file appears whole or not at all.
 
+pub(crate) mod intervals;
 pub mod model;
 pub mod modes;
 mod parquet;

@@ -33,11 +33,13 @@ impl Bundle {
     pub(super) fn of(study: &Study, reference: Vec<u8>) -> Result<Self, StreamError> {
         let recordings: BTreeSet<PathBuf> =
             study.setups.iter().flat_map(|setup| matching_files(setup, &study.folder).unwrap_or_default()).collect();
+        // Workers send no mail: passwords stay here.
+        let secrets: Vec<PathBuf> = study.alarms.secrets().map(|file| study.folder.join(file)).collect();
         let mut paths = Vec::new();
         walk(&study.folder, &study.folder, 0, &mut paths)?;
         let (mut files, mut bytes) = (vec![(reference_path(), reference)], 0);
         for (path, name) in paths {
-            if recordings.contains(&path) {
+            if recordings.contains(&path) || secrets.contains(&path) {
                 continue;
             }
             let content = read_plain(&path).map_err(|source| StreamError::File { file: path, source })?;
@@ -142,9 +144,11 @@ mod tests {
     fn a_study_comes_out_as_it_went_in_without_what_grows_and_never_beside_its_folder() {
         let folder = tempfile::tempdir().unwrap();
         let at = |name: &str| folder.path().join(name);
-        fs::write(at(STUDY_FILE), CANTON_STUDY).unwrap();
+        let alarms = "[alarms.mqtt]\nserver = \"mqtts://hub\"\ntopic = \"towers\"\nuser = \"me\"\npassword_file = \"parts/word\"\n";
+        fs::write(at(STUDY_FILE), format!("{CANTON_STUDY}\n{alarms}")).unwrap();
         fs::write(at("beam.csv"), CANTON_BEAM).unwrap();
         fs::create_dir_all(at("parts/one")).unwrap();
+        fs::write(at("parts/word"), "secret").unwrap();
         fs::create_dir(at("results")).unwrap();
         fs::write(at("parts/one/k.mtx"), "matrix").unwrap();
         for name in ["archive.sqlite", "archive.sqlite-wal", "heartbeats.jsonl", ".belfry-lock", "results/modes.json"] {

@@ -4,6 +4,7 @@
 //! published behind the structure's newest result, or not at all, where another worker has been quicker.
 
 use std::ops::ControlFlow;
+use std::path::PathBuf;
 use std::sync::Arc;
 
 use async_nats::jetstream::kv::{Entry, UpdateErrorKind};
@@ -14,6 +15,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use tempfile::TempDir;
 
+use super::day_table::DayTable;
 use super::error::StreamError;
 use super::ledger::{Due, Ledger};
 use super::names::{self, DataKind};
@@ -65,13 +67,13 @@ pub(super) struct Alarms {
 
 /// What the judgement of a structure goes on from.
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
-struct State {
+pub(super) struct State {
     /// The day that an interval ended in when it was judged last.
     day: Option<i64>,
     /// The newest message of its alarms.
     alarms: u64,
     /// As `belfry watch` keeps it.
-    watch: Value,
+    pub(super) watch: Value,
 }
 
 /// A structure.
@@ -89,6 +91,9 @@ pub(super) struct Followed {
     next: u64,
     state: State,
     revision: u64,
+    /// Where results go as Parquet, and those of the newest day; none yet, or anew where they could not be written.
+    tables: Option<Arc<PathBuf>>,
+    table: Option<DayTable>,
 }
 
 /// The interval's messages, as they came.
@@ -100,7 +105,7 @@ struct Material {
 
 impl Followed {
     /// Takes a structure over, where another worker has left it.
-    pub(super) async fn take(server: &Server, key: &str) -> Result<Self, StreamError> {
+    pub(super) async fn take(server: &Server, key: &str, tables: Option<Arc<PathBuf>>) -> Result<Self, StreamError> {
         let (structure, _) = structure::read(server, key)
             .await?
             .ok_or_else(|| StreamError::Odd { what: key.to_owned(), why: "it has no entry".to_owned() })?;
@@ -131,6 +136,8 @@ impl Followed {
             _folder: folder,
             study: Arc::new(study),
             reference: Arc::new(reference),
+            tables,
+            table: None,
         })
     }
 
@@ -146,6 +153,22 @@ impl Followed {
         })
         .await?;
         Ok((ledger, due))
+    }
+
+    /// Keeps the newest result as Parquet, or all that are missing there; `None` before one was published.
+    pub(super) async fn tabulate(
+        &mut self,
+        server: &Server,
+        newest: Option<&IntervalResult>,
+    ) -> Result<(), StreamError> {
+        let Some(folder) = &self.tables else { return Ok(()) };
+        let written = match (self.table.take(), newest) {
+            (Some(mut table), Some(newest)) => table.push(newest.clone()).map(|()| table),
+            (Some(table), None) => Ok(table),
+            (None, _) => DayTable::catch_up(server, folder, &self.key).await,
+        };
+        self.table = Some(written?);
+        Ok(())
     }
 
     /// Makes modes of an interval and publishes them.

@@ -5,12 +5,14 @@
 //! where the next begins, so that whoever takes a structure over gets the same. The protocol is written down in `docs/fleet.md`.
 
 mod bundle;
+mod day_table;
 mod error;
 mod follow;
 mod gateway;
 mod heartbeats;
 mod ledger;
 mod names;
+mod overview;
 mod position;
 mod reading;
 mod server;
@@ -22,6 +24,7 @@ mod worker;
 pub use error::StreamError;
 pub use follow::IntervalResult;
 pub use gateway::{Gateway, GatewayNews};
+pub use overview::{Detail, Overview, Reader as FleetReader, Row, RowState};
 pub use server::Address;
 pub use structure::{Added, ToAdd, add};
-pub use worker::{WorkNews, work};
+pub use worker::{WorkNews, WorkOptions, work};

@@ -17,6 +17,10 @@ use super::names::TIME_HEADER;
 const AT_ONCE: usize = 256;
 /// The server forgets a reader that has gone after this time.
 const FORGOTTEN: Duration = Duration::from_secs(30);
+/// How long the next message may take.
+const ANSWER: Duration = Duration::from_secs(5);
+/// How often a reader is made anew that brings nothing.
+const TRIES: usize = 3;
 
 /// A message.
 pub(super) struct Incoming {
@@ -49,7 +53,8 @@ impl Incoming {
     }
 }
 
-/// A reader of the messages of these subjects from `from` on.
+/// A reader of the messages of these subjects from `from` on. It stands on as many servers as the stream does: on one of them alone, it would be gone with
+/// that one, and a cluster takes a minute or two to notice that a server is dead, until when it puts readers there.
 pub(super) async fn reader(
     stream: &Stream,
     subjects: &str,
@@ -62,15 +67,31 @@ pub(super) async fn reader(
         filter_subject: subjects.to_owned(),
         headers_only,
         inactive_threshold: FORGOTTEN,
-        num_replicas: 1,
+        num_replicas: stream.cached_info().config.num_replicas.max(1),
         memory_storage: true,
         ..Config::default()
     };
-    let reader = stream.create_consumer(config).await;
-    reader.map_err(|error| StreamError::server(format!("reading {subjects}"))(error.into()))
+    let mut failures = 0;
+    loop {
+        match stream.create_consumer(config.clone()).await {
+            Ok(reader) => return Ok(reader),
+            // Its servers elect one of them, which takes longer than a request waits where the first choice is dead.
+            Err(_) if failures < TRIES => failures += 1,
+            Err(error) => return Err(StreamError::server(format!("reading {subjects}"))(error.into())),
+        }
+    }
 }
 
-/// Hands out the messages of these subjects from `from` on, until there are no more or `on_message` breaks.
+/// Why a reader came to no end.
+enum Broken {
+    /// The reader, or the server that it stands on: another may go on.
+    Reader(StreamError),
+    /// What was done with a message.
+    Message(StreamError),
+}
+
+/// Hands out the messages of these subjects from `from` on, until there are no more or `on_message` breaks. A reader that has gone is made anew, behind
+/// the last message.
 pub(super) async fn each(
     stream: &Stream,
     subjects: &str,
@@ -78,21 +99,50 @@ pub(super) async fn each(
     headers_only: bool,
     mut on_message: impl FnMut(Incoming) -> Result<ControlFlow<()>, StreamError>,
 ) -> Result<(), StreamError> {
-    let reader = reader(stream, subjects, from, headers_only).await?;
-    let failed = || StreamError::server(format!("reading {subjects}"));
-    let mut count = 0;
-    'all: loop {
+    let (mut next, mut failures) = (from, 0);
+    loop {
+        let before = next;
+        match read_on(stream, subjects, &mut next, headers_only, &mut on_message).await {
+            Ok(()) => return Ok(()),
+            Err(Broken::Message(error)) => return Err(error),
+            Err(Broken::Reader(_)) if next > before => failures = 0,
+            Err(Broken::Reader(_)) if failures < TRIES => failures += 1,
+            Err(Broken::Reader(error)) => return Err(error),
+        }
+    }
+}
+
+/// Hands out messages from `next` on, which it moves.
+async fn read_on(
+    stream: &Stream,
+    subjects: &str,
+    next: &mut u64,
+    headers_only: bool,
+    on_message: &mut impl FnMut(Incoming) -> Result<ControlFlow<()>, StreamError>,
+) -> Result<(), Broken> {
+    let reader = reader(stream, subjects, *next, headers_only).await.map_err(Broken::Reader)?;
+    let failed = |error: Box<dyn std::error::Error + Send + Sync>| {
+        Broken::Reader(StreamError::server(format!("reading {subjects}"))(error))
+    };
+    // A reader that says nothing more has come to the end, or is dead: messages say how many are behind them.
+    let (mut count, mut behind) = (0, reader.cached_info().num_pending as usize);
+    'all: while behind > 0 {
         let before = count;
-        let batch = reader.fetch().max_messages(AT_ONCE).messages().await;
-        let mut batch = batch.map_err(|error| failed()(error.into()))?;
-        while let Some(message) = batch.next().await {
-            let message = Incoming::behind(&mut count, &message.map_err(failed())?)?;
-            if on_message(message)?.is_break() {
+        let batch = reader.fetch().max_messages(AT_ONCE.min(behind)).messages();
+        let mut batch = batch.await.map_err(|error| failed(error.into()))?;
+        loop {
+            let message = tokio::time::timeout(ANSWER, batch.next()).await.map_err(|error| failed(error.into()))?;
+            let Some(message) = message else { break };
+            let message = message.map_err(failed)?;
+            behind = message.info().map_err(failed)?.pending as usize;
+            let message = Incoming::behind(&mut count, &message).map_err(Broken::Reader)?;
+            *next = message.sequence + 1;
+            if on_message(message).map_err(Broken::Message)?.is_break() {
                 break 'all;
             }
         }
-        if count == before {
-            break;
+        if count == before && behind > 0 {
+            return Err(Broken::Reader(StreamError::Gone));
         }
     }
     // A reader that stays is forgotten by the server.

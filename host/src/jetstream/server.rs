@@ -177,6 +177,13 @@ impl Server {
         store.map_err(|error| StreamError::server(format!("object store {STUDIES}"))(error.into()))
     }
 
+    /// The stream below that, and the subject of the parts of an object in it.
+    pub(super) async fn chunks(&self, object: &str) -> Result<(Stream, String), StreamError> {
+        let stream = self.context.get_stream(format!("OBJ_{STUDIES}")).await;
+        let stream = stream.map_err(|error| StreamError::server(format!("object store {STUDIES}"))(error.into()))?;
+        Ok((stream, format!("$O.{STUDIES}.C.{object}")))
+    }
+
     /// Publishes a message, and waits until the server has it on its disk.
     pub(super) async fn publish(&self, message: Outgoing) -> Result<(), StreamError> {
         let Outgoing { subject, id, time_us, payload } = message;

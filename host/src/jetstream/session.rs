@@ -4,6 +4,8 @@
 //! task a core, and a structure is always in the same one, so that its intervals follow each other.
 
 use std::collections::BTreeMap;
+use std::path::PathBuf;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
@@ -45,6 +47,8 @@ enum Outcome {
     Taken(String, u64, Box<Ledger>),
     Published(Box<IntervalResult>, Duration),
     Alarm(Box<Event>),
+    /// A file of results cannot be written, and why.
+    Untabulated(String),
     Failed(String, StreamError),
 }
 
@@ -66,6 +70,7 @@ struct Held {
 /// Works until it is to stop, or the connection is no longer whole. `on_ready` is called when it has begun, and says how long it could not.
 pub(super) async fn session(
     address: &Address,
+    tables: Option<&Arc<PathBuf>>,
     me: &str,
     stop: &AtomicBool,
     on_ready: &mut dyn FnMut() -> Option<Duration>,
@@ -88,7 +93,7 @@ pub(super) async fn session(
     let lanes: Vec<UnboundedSender<Job>> = (0..lanes)
         .map(|_| {
             let (send, jobs) = unbounded_channel();
-            tasks.spawn(lane(server.clone(), jobs, tell_outcome.clone()));
+            tasks.spawn(lane(server.clone(), tables.cloned(), jobs, tell_outcome.clone()));
             send
         })
         .collect();
@@ -132,15 +137,29 @@ async fn put(workers: &Store, me: &str) -> Result<(), StreamError> {
     put.map(drop).map_err(|error| StreamError::server("saying that this worker is alive")(error.into()))
 }
 
-/// The keys of a bucket.
-async fn keys(store: &Store) -> Result<Vec<String>, StreamError> {
+/// The keys of a bucket. Not by `keys`, which reads by a consumer on one server: a cluster puts those on a dead one until it has noticed its death.
+pub(super) async fn keys(store: &Store) -> Result<Vec<String>, StreamError> {
     let failed = || StreamError::server(format!("the keys of {}", store.name));
-    let mut all = store.keys().await.map_err(|error| failed()(error.into()))?;
+    let subjects = store.stream.info_with_subjects(format!("{}>", store.prefix)).await;
+    let mut subjects = subjects.map_err(|error| failed()(error.into()))?;
     let mut found = Vec::new();
-    while let Some(key) = all.next().await {
-        found.push(key.map_err(|error| failed()(error.into()))?);
+    while let Some(subject) = subjects.next().await {
+        let (subject, _) = subject.map_err(|error| failed()(error.into()))?;
+        found.extend(subject.strip_prefix(&store.prefix).map(str::to_owned));
     }
     Ok(found)
+}
+
+/// Workers that are alive: one that has ended in good order has a mark in its place for some seconds.
+pub(super) async fn alive(workers: &Store) -> Result<Vec<String>, StreamError> {
+    let mut alive = Vec::new();
+    for key in keys(workers).await? {
+        let entry = workers.get(&key).await;
+        if entry.map_err(|error| StreamError::server("the workers")(error.into()))?.is_some() {
+            alive.push(key);
+        }
+    }
+    Ok(alive)
 }
 
 /// What this worker has.
@@ -164,7 +183,7 @@ impl Share<'_> {
         let info = structures.stream.get_info().await;
         let newest = info.map_err(|error| StreamError::server("the bucket of structures")(error.into()))?;
         let newest = newest.state.last_sequence;
-        let alive = keys(workers).await?;
+        let alive = alive(workers).await?;
         let all = keys(structures).await?;
         let alive: Vec<&str> = alive.iter().map(String::as_str).collect();
         let own: Vec<&String> = all.iter().filter(|key| is_own(self.me, key, alive.iter().copied())).collect();
@@ -234,6 +253,7 @@ impl Share<'_> {
             }
             Outcome::Published(result, after) => tell(WorkNews::Result { result, after_s: after.as_secs_f64() }),
             Outcome::Alarm(alarm) => tell(WorkNews::Alarm { alarm }),
+            Outcome::Untabulated(reason) => tell(WorkNews::Unwritten { reason }),
             // It is taken anew, where it still is this worker's.
             Outcome::Failed(key, StreamError::Overtaken { .. }) => drop(self.held.remove(&key)),
             Outcome::Failed(_, error) if error.may_pass() && !matches!(error, StreamError::Odd { .. }) => {
@@ -251,7 +271,12 @@ impl Share<'_> {
 }
 
 /// Follows structures one after the other.
-async fn lane(server: Server, mut jobs: UnboundedReceiver<Job>, outcomes: UnboundedSender<Outcome>) {
+async fn lane(
+    server: Server,
+    tables: Option<Arc<PathBuf>>,
+    mut jobs: UnboundedReceiver<Job>,
+    outcomes: UnboundedSender<Outcome>,
+) {
     let mut followed: BTreeMap<String, Followed> = BTreeMap::new();
     while let Some(job) = jobs.recv().await {
         let (key, done) = match job {
@@ -261,7 +286,7 @@ async fn lane(server: Server, mut jobs: UnboundedReceiver<Job>, outcomes: Unboun
             }
             Job::Take(key, revision) => {
                 followed.remove(&key);
-                let taken = take(&server, &key, revision, &outcomes).await;
+                let taken = take(&server, &key, tables.clone(), revision, &outcomes).await;
                 (key.clone(), taken.map(|one| drop(followed.insert(key, one))))
             }
             Job::Interval(key, due, since) => {
@@ -282,11 +307,13 @@ async fn lane(server: Server, mut jobs: UnboundedReceiver<Job>, outcomes: Unboun
 async fn take(
     server: &Server,
     key: &str,
+    tables: Option<Arc<PathBuf>>,
     revision: u64,
     outcomes: &UnboundedSender<Outcome>,
 ) -> Result<Followed, StreamError> {
     let since = Instant::now();
-    let mut one = Followed::take(server, key).await?;
+    let mut one = Followed::take(server, key, tables).await?;
+    tabulate(server, &mut one, None, outcomes).await?;
     judge(server, &mut one, outcomes).await?;
     let (ledger, due) = one.catch_up(server).await?;
     for due in due {
@@ -305,8 +332,25 @@ async fn interval(
     outcomes: &UnboundedSender<Outcome>,
 ) -> Result<(), StreamError> {
     let result = one.interval(server, due).await?;
-    let _ = outcomes.send(Outcome::Published(Box::new(result), since.elapsed()));
+    let _ = outcomes.send(Outcome::Published(Box::new(result.clone()), since.elapsed()));
+    tabulate(server, one, Some(&result), outcomes).await?;
     judge(server, one, outcomes).await
+}
+
+/// A disk that does not take results holds up nothing: the stream has them, and they are written with the next.
+async fn tabulate(
+    server: &Server,
+    one: &mut Followed,
+    newest: Option<&IntervalResult>,
+    outcomes: &UnboundedSender<Outcome>,
+) -> Result<(), StreamError> {
+    match one.tabulate(server, newest).await {
+        Err(error @ StreamError::File { .. }) => {
+            let _ = outcomes.send(Outcome::Untabulated(error.to_string()));
+            Ok(())
+        }
+        done => done,
+    }
 }
 
 async fn judge(server: &Server, one: &mut Followed, outcomes: &UnboundedSender<Outcome>) -> Result<(), StreamError> {

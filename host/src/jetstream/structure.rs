@@ -1,15 +1,16 @@
 //! Structures that a fleet follows: what workers find of each in the bucket of structures, and how one is added.
 
 use std::collections::BTreeSet;
+use std::ops::ControlFlow;
 use std::time::Duration;
 
 use bytes::Bytes;
 use serde::{Deserialize, Serialize};
-use tokio::io::AsyncReadExt;
 
 use super::bundle::Bundle;
 use super::error::StreamError;
 use super::names;
+use super::reading::each;
 use super::server::{Address, Server};
 use crate::identify::Identification;
 use crate::results::{MODES_FILE, REFERENCE_FILE, Results};
@@ -21,6 +22,9 @@ use crate::watch::Settings;
 pub(super) struct Structure {
     /// Its name in words.
     pub(super) name: String,
+    /// Latitude and longitude in degrees.
+    #[serde(default)]
+    pub(super) place_deg: Option<[f64; 2]>,
     /// Its nodes.
     pub(super) nodes: Vec<u16>,
     /// Length of an interval in s.
@@ -75,6 +79,7 @@ pub fn add(address: &Address, to_add: &ToAdd<'_>) -> Result<Added, StreamError> 
     }
     let structure = Structure {
         name: study.structure.name.clone(),
+        place_deg: study.structure.place_deg,
         nodes: nodes_of(study),
         every_s: every.as_secs_f64(),
         settings,
@@ -135,9 +140,19 @@ pub(super) async fn read(server: &Server, key: &str) -> Result<Option<(Structure
 /// The study of a structure.
 pub(super) async fn study_of(server: &Server, key: &str) -> Result<Bundle, StreamError> {
     let what = || format!("the study of {key}");
-    let object = server.studies().await?.get(key).await;
-    let mut object = object.map_err(|error| StreamError::server(what())(error.into()))?;
+    let info = server.studies().await?.info(key).await;
+    let info = info.map_err(|error| StreamError::server(what())(error.into()))?;
+    // Not by `get`, which reads by a consumer on one server: it may be a dead one.
+    let (stream, chunks) = server.chunks(&info.nuid).await?;
     let mut bytes = Vec::new();
-    object.read_to_end(&mut bytes).await.map_err(|error| StreamError::server(what())(error.into()))?;
+    each(&stream, &chunks, 1, false, |chunk| {
+        bytes.extend_from_slice(&chunk.payload);
+        Ok(ControlFlow::Continue(()))
+    })
+    .await?;
+    if bytes.len() != info.size {
+        // It is being put anew.
+        return Err(StreamError::Gone);
+    }
     Bundle::decode(&bytes)
 }

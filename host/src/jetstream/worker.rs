@@ -1,5 +1,7 @@
 //! A worker: sessions with the server one after the other, until it is stopped.
 
+use std::path::PathBuf;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
@@ -14,6 +16,13 @@ use crate::story::Event;
 
 /// Time between looks whether it is to stop.
 const LOOK: Duration = Duration::from_millis(200);
+
+/// What a worker does besides.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct WorkOptions {
+    /// The folder that results go to as Parquet as well.
+    pub parquet: Option<PathBuf>,
+}
 
 /// What happens to a worker.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -46,6 +55,11 @@ pub enum WorkNews {
         /// Why.
         reason: String,
     },
+    /// A file of results cannot be written; the stream has them, and it is tried again with the next result.
+    Unwritten {
+        /// Why.
+        reason: String,
+    },
     /// It can go on.
     Back {
         /// How long it could not, in s.
@@ -64,17 +78,26 @@ pub enum WorkNews {
 ///
 /// # Errors
 /// Where nothing can come of trying again: the credentials are none, or the system gives no threads.
-pub fn work(address: &Address, stop: &AtomicBool, tell: &mut dyn FnMut(WorkNews)) -> Result<(), StreamError> {
+pub fn work(
+    address: &Address,
+    options: &WorkOptions,
+    stop: &AtomicBool,
+    tell: &mut dyn FnMut(WorkNews),
+) -> Result<(), StreamError> {
     let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build();
     let runtime = runtime.map_err(StreamError::System)?;
     let mut random = [0; 8];
     getrandom::fill(&mut random).map_err(|error| StreamError::System(error.into()))?;
     let me = format!("{:016x}", u64::from_ne_bytes(random));
+    let tables = options.parquet.clone().map(Arc::new);
     let (start, mut patience) = (Instant::now(), Patience::default());
     let outcome = runtime.block_on(async {
         while !stop.load(Ordering::Relaxed) {
             let on_ready = |patience: &mut Patience| patience.worked(start.elapsed());
-            let Err(error) = session(address, &me, stop, &mut || on_ready(&mut patience), tell).await else { break };
+            let Err(error) = session(address, tables.as_ref(), &me, stop, &mut || on_ready(&mut patience), tell).await
+            else {
+                break;
+            };
             if !error.may_pass() {
                 return Err(error);
             }

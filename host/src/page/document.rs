@@ -16,6 +16,8 @@ static FRONT_END: Dir<'_> = include_dir!("$CARGO_MANIFEST_DIR/page");
 const FRAME: &str = include_str!("../../page/index.html");
 /// Bare names of modules begin with it.
 const MODULES: &str = "@/";
+/// The start of a fleet's page, which a report has no use for.
+const FLEET: &str = "fleet.js";
 /// Where a server has the front end's files.
 const ASSETS: &str = "/assets/";
 /// The style of curves, and that of the page.
@@ -180,6 +182,7 @@ fn is_word(letter: char) -> bool {
 pub fn report(title: &str, data: &str) -> String {
     let modules: Vec<String> = modules()
         .into_iter()
+        .filter(|(name, _)| name != FLEET)
         .map(|(name, text)| format!("\"{MODULES}{name}\": \"data:text/javascript;base64,{}\"", STANDARD.encode(text)))
         .collect();
     let policy = format!("<meta http-equiv=\"content-security-policy\" content=\"{REPORT_POLICY}\">\n");
@@ -196,14 +199,23 @@ pub fn report(title: &str, data: &str) -> String {
     page.replacen("<title>Belfry</title>", &format!("<title>{}</title>", escaped(title)), 1)
 }
 
-/// The page that a server gives; its data comes later. `nonce` names the scripts that may run.
+/// The page of a study that a server gives; its data comes later. `nonce` names the scripts that may run.
 pub fn served(title: &str, nonce: &str) -> String {
+    served_with(title, nonce, "main.js")
+}
+
+/// The page of a fleet.
+pub fn served_fleet(nonce: &str) -> String {
+    served_with("Fleet", nonce, FLEET)
+}
+
+fn served_with(title: &str, nonce: &str, start: &str) -> String {
     let page = with_part(FRAME, "style", &format!("<link rel=\"stylesheet\" href=\"{ASSETS}style.css\">"));
     let map = format!(
         "<script type=\"importmap\" nonce=\"{nonce}\">{{ \"imports\": {{ \"{MODULES}\": \"{ASSETS}\" }} }}</script>"
     );
     let page = with_part(&page, "modules", &map);
-    let page = with_part(&page, "start", &format!("<script type=\"module\" src=\"{ASSETS}main.js\"></script>"));
+    let page = with_part(&page, "start", &format!("<script type=\"module\" src=\"{ASSETS}{start}\"></script>"));
     page.replacen("<title>Belfry</title>", &format!("<title>{}</title>", escaped(title)), 1)
 }
 
@@ -232,7 +244,7 @@ mod tests {
             assert!(!page.contains(&format!("<!--{part}-->")), "{part} has its place in the frame");
         }
         for (name, text) in modules() {
-            assert!(page.contains(&format!("\"{MODULES}{name}\"")), "{name}");
+            assert_eq!(page.contains(&format!("\"{MODULES}{name}\"")), name != FLEET, "{name}");
             // Every import has to be in the map.
             let imports = text.lines().filter(|line| line.starts_with("import"));
             for imported in

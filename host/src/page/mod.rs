@@ -13,7 +13,7 @@ mod says;
 mod spectra;
 
 pub use data::{PageData, Tried};
-pub use document::{Asset, assets, report, served};
+pub use document::{Asset, assets, report, served, served_fleet};
 pub(crate) use findings::capital;
 pub use findings::{Finding, Kind};
 pub use model::{MacMatrix, ModelPart};

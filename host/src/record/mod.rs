@@ -49,6 +49,7 @@ pub(crate) use error::quoted;
 pub use error::{At, FilePosition, MatError, RecordError};
 pub(crate) use files::matching_files;
 pub use hdf5::Hdf5Error;
+pub(crate) use mseed::head as mseed_head;
 pub(crate) use npy::{NpyArray, RowError, read_row};
 pub use report::{ChannelReport, Gap, RecordReport};
 pub(crate) use traces::utc;

@@ -32,6 +32,11 @@ struct Record {
     data: [u64; 2],
 }
 
+/// The channel and the start, in ns of Unix time, of a record of version 2; `None` of anything else.
+pub(crate) fn head(record: &[u8]) -> Option<(String, i64)> {
+    version_2(record).map(|record| (record.name, record.start_ns))
+}
+
 /// Adds the records of a file to those of others.
 pub(super) fn add(path: &Path, traces: &mut Traces) -> Result<(), RecordError> {
     let (file, size) = open_file(path)?;

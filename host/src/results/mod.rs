@@ -45,6 +45,10 @@ pub const INTERVALS_FILE: &str = "watch.jsonl";
 pub const REFERENCE_FILE: &str = "watch_reference.json";
 /// What has become of a watch's alarms.
 pub const ALARMS_FILE: &str = "alarms.jsonl";
+/// How many lines of that each destination has got.
+pub const TOLD_FILE: &str = "watch_told.json";
+/// How the nodes of a watch are.
+pub const NODES_FILE: &str = "watch_nodes.json";
 /// The misfit of the last diagnosis beside what its candidates would do.
 pub const FINGERPRINTS_FILE: &str = "fingerprints.json";
 /// The same as a picture.
@@ -61,7 +65,7 @@ pub const INPUTS_FILE: &str = "inputs.json";
 pub const HISTORY_FILE: &str = "history.jsonl";
 
 /// The schema of each result that is JSON, or JSON a line: `docs/schema` has a file of that name.
-const SCHEMAS: [(&str, &str); 19] = [
+const SCHEMAS: [(&str, &str); 21] = [
     (MODES_FILE, "identify-1"),
     (STABILISATION_FILE, "stabilisation-1"),
     (SPECTRA_FILE, "spectra-1"),
@@ -76,6 +80,8 @@ const SCHEMAS: [(&str, &str); 19] = [
     (INTERVALS_FILE, "watch-interval-1"),
     (REFERENCE_FILE, "watch-reference-1"),
     (ALARMS_FILE, "watch-event-1"),
+    (TOLD_FILE, "watch-told-1"),
+    (NODES_FILE, "watch-nodes-1"),
     (FINGERPRINTS_FILE, "fingerprints-1"),
     (PLAN_FILE, "plan-1"),
     (PROFILE_FILE, "profile-1"),

@@ -8,8 +8,8 @@ use axum::http::{HeaderMap, Method, StatusCode};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 
+use super::gate::Gate;
 use super::routes::Refused;
-use super::shared::Shared;
 
 /// What every answer says of itself.
 const HEADERS: [(HeaderName, &str); 6] = [
@@ -28,13 +28,12 @@ const NOTHING: HeaderValue = HeaderValue::from_static("default-src 'none'; frame
 ///
 /// The name that the browser asked for is checked, as another site's name may point here (DNS rebinding); then the page that a request
 /// comes from; then the session's cookie, which only the token in the opening address gives.
-pub(super) async fn guard(State(shared): State<Arc<Shared>>, request: Request, next: Next) -> Response {
+pub(super) async fn guard(State(gate): State<Arc<Gate>>, request: Request, next: Next) -> Response {
     let mut answer =
-        match admitted(&shared, request.headers(), request.method(), request.uri().path(), request.uri().query()) {
+        match admitted(&gate, request.headers(), request.method(), request.uri().path(), request.uri().query()) {
             Ok(Admitted::In) => next.run(request).await,
             Ok(Admitted::Opened) => {
-                let cookie =
-                    format!("{}={}; HttpOnly; SameSite=Strict; Path=/", shared.cookie_name(), shared.session());
+                let cookie = format!("{}={}; HttpOnly; SameSite=Strict; Path=/", gate.cookie_name(), gate.session());
                 (StatusCode::SEE_OTHER, [(LOCATION, "/".to_owned()), (SET_COOKIE, cookie)]).into_response()
             }
             Err(refused) => refused.into_response(),
@@ -55,7 +54,7 @@ enum Admitted {
 }
 
 fn admitted(
-    shared: &Shared,
+    gate: &Gate,
     headers: &HeaderMap,
     method: &Method,
     path: &str,
@@ -63,7 +62,7 @@ fn admitted(
 ) -> Result<Admitted, Refused> {
     let forbidden = |reason: &str| Refused::new(StatusCode::FORBIDDEN, reason);
     let text = |name: HeaderName| headers.get(name).and_then(|value| value.to_str().ok());
-    let hosts = shared.hosts();
+    let hosts = gate.hosts();
     let host = text(HOST).filter(|host| hosts.iter().any(|known| known == host));
     let host = host.ok_or_else(|| forbidden("this server answers to 127.0.0.1 alone"))?;
     let origin = text(ORIGIN);
@@ -79,10 +78,10 @@ fn admitted(
     if method != Method::GET && origin.is_none() {
         return Err(forbidden("a request that changes something has to come from the page"));
     }
-    if method == Method::GET && path == "/" && query == Some(&format!("token={}", shared.token())) {
+    if method == Method::GET && path == "/" && query == Some(&format!("token={}", gate.token())) {
         return Ok(Admitted::Opened);
     }
-    let cookie = format!("{}={}", shared.cookie_name(), shared.session());
+    let cookie = format!("{}={}", gate.cookie_name(), gate.session());
     let cookies = headers.get_all(COOKIE).iter().filter_map(|value| value.to_str().ok());
     if cookies.flat_map(|value| value.split(';')).any(|one| one.trim() == cookie) {
         return Ok(Admitted::In);
@@ -97,45 +96,36 @@ fn admitted(
 mod tests {
     use super::*;
 
-    fn asked(
-        shared: &Shared,
-        method: Method,
-        path: &str,
-        headers: &[(HeaderName, &str)],
-    ) -> Result<Admitted, StatusCode> {
+    fn asked(gate: &Gate, method: Method, path: &str, headers: &[(HeaderName, &str)]) -> Result<Admitted, StatusCode> {
         let headers =
             headers.iter().map(|(name, value)| (name.clone(), HeaderValue::from_str(value).unwrap())).collect();
         let (path, query) = path.split_once('?').map_or((path, None), |(path, query)| (path, Some(query)));
-        admitted(shared, &headers, &method, path, query).map_err(|refused| refused.status())
+        admitted(gate, &headers, &method, path, query).map_err(|refused| refused.status())
     }
 
     #[test]
     fn only_the_window_that_was_opened_with_the_token_comes_in() {
-        let stepper = super::super::Stepper { program: "belfry".into(), range: Vec::new() };
-        let shared = Shared::new("study".into(), stepper, 7300, "right".to_owned(), "session".to_owned());
+        let gate = Gate::of(7300, "right", "session");
         let (host, cookie) = ((HOST, "127.0.0.1:7300"), (COOKIE, "other=1; belfry_7300=session"));
         let (get, post) = (Method::GET, Method::POST);
         let forbidden = Err(StatusCode::FORBIDDEN);
         let unknown = Err(StatusCode::UNAUTHORIZED);
-        assert_eq!(asked(&shared, get.clone(), "/?token=right", std::slice::from_ref(&host)), Ok(Admitted::Opened));
-        assert_eq!(asked(&shared, get.clone(), "/?token=wrong", std::slice::from_ref(&host)), unknown);
-        assert_eq!(asked(&shared, get.clone(), "/data?token=right", std::slice::from_ref(&host)), unknown);
-        assert_eq!(asked(&shared, get.clone(), "/data", &[host.clone(), cookie.clone()]), Ok(Admitted::In));
-        assert_eq!(asked(&shared, get.clone(), "/data", &[host.clone(), (COOKIE, "belfry_7300=guess")]), unknown);
+        assert_eq!(asked(&gate, get.clone(), "/?token=right", std::slice::from_ref(&host)), Ok(Admitted::Opened));
+        assert_eq!(asked(&gate, get.clone(), "/?token=wrong", std::slice::from_ref(&host)), unknown);
+        assert_eq!(asked(&gate, get.clone(), "/data?token=right", std::slice::from_ref(&host)), unknown);
+        assert_eq!(asked(&gate, get.clone(), "/data", &[host.clone(), cookie.clone()]), Ok(Admitted::In));
+        assert_eq!(asked(&gate, get.clone(), "/data", &[host.clone(), (COOKIE, "belfry_7300=guess")]), unknown);
         // Another site whose name points here, and another site that sends a form or a script's request.
-        assert_eq!(asked(&shared, get.clone(), "/?token=right", &[(HOST, "evil.example:7300")]), forbidden);
-        assert_eq!(asked(&shared, get.clone(), "/?token=right", &[]), forbidden);
+        assert_eq!(asked(&gate, get.clone(), "/?token=right", &[(HOST, "evil.example:7300")]), forbidden);
+        assert_eq!(asked(&gate, get.clone(), "/?token=right", &[]), forbidden);
         let from = |origin: &'static str| (ORIGIN, origin);
-        assert_eq!(
-            asked(&shared, get, "/data", &[host.clone(), cookie.clone(), from("http://evil.example")]),
-            forbidden
-        );
-        assert_eq!(asked(&shared, post.clone(), "/run", &[host.clone(), cookie.clone(), from("null")]), forbidden);
+        assert_eq!(asked(&gate, get, "/data", &[host.clone(), cookie.clone(), from("http://evil.example")]), forbidden);
+        assert_eq!(asked(&gate, post.clone(), "/run", &[host.clone(), cookie.clone(), from("null")]), forbidden);
         let other_port = (HeaderName::from_static("sec-fetch-site"), "same-site");
-        assert_eq!(asked(&shared, Method::GET, "/data", &[host.clone(), cookie.clone(), other_port]), forbidden);
-        assert_eq!(asked(&shared, post.clone(), "/run", &[host.clone(), cookie.clone()]), forbidden);
+        assert_eq!(asked(&gate, Method::GET, "/data", &[host.clone(), cookie.clone(), other_port]), forbidden);
+        assert_eq!(asked(&gate, post.clone(), "/run", &[host.clone(), cookie.clone()]), forbidden);
         let page = from("http://127.0.0.1:7300");
-        assert_eq!(asked(&shared, post.clone(), "/run", &[host.clone(), cookie, page.clone()]), Ok(Admitted::In));
-        assert_eq!(asked(&shared, post, "/run", &[host, page]), unknown);
+        assert_eq!(asked(&gate, post.clone(), "/run", &[host.clone(), cookie, page.clone()]), Ok(Admitted::In));
+        assert_eq!(asked(&gate, post, "/run", &[host, page]), unknown);
     }
 }

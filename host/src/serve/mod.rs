@@ -5,6 +5,8 @@
 //! again, so that a step can be stopped at any point and leaves results whole or as they were. `guard` keeps everyone else out, `shared`
 //! holds what all requests share, `samples` cuts pieces out of recordings, `routes` answers.
 
+mod fleet;
+mod gate;
 mod guard;
 mod job;
 mod routes;
@@ -17,19 +19,18 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use axum::serve::ListenerExt;
-use rand::RngExt;
-use rand::distr::Alphanumeric;
 use thiserror::Error;
 use tokio::net::TcpListener;
+use tokio::runtime::Runtime;
 
 use crate::study::Study;
+pub use fleet::serve_fleet;
+use gate::Gate;
 pub use job::Stepper;
 use shared::Shared;
 
 /// How long what runs may take to end in good order.
 const GRACE: Duration = Duration::from_secs(3);
-/// Letters of a token: 190 bits.
-const TOKEN_LETTERS: usize = 32;
 
 /// Why a page cannot be served.
 #[derive(Debug, Error)]
@@ -58,15 +59,11 @@ pub fn serve(
     on_ready: impl FnOnce(&str),
     stop: impl Future<Output = ()> + Send + 'static,
 ) -> Result<(), ServeError> {
-    let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build();
-    let runtime = runtime.map_err(ServeError::Stopped)?;
+    let runtime = runtime()?;
     let served = runtime.block_on(async {
-        let listen = |source| ServeError::Listen { port, source };
-        let listener = TcpListener::bind(SocketAddr::from((Ipv4Addr::LOCALHOST, port))).await.map_err(listen)?;
-        let port = listener.local_addr().map_err(listen)?.port();
-        let secret = || rand::rng().sample_iter(Alphanumeric).take(TOKEN_LETTERS).map(char::from).collect::<String>();
-        let shared = Arc::new(Shared::new(study.folder.clone(), stepper, port, secret(), secret()));
-        on_ready(&shared.opening_address());
+        let (listener, gate) = listen(port).await?;
+        let shared = Arc::new(Shared::new(study.folder.clone(), stepper));
+        on_ready(&gate.opening_address());
         let watcher = tokio::spawn(shared::watch_files(Arc::clone(&shared)));
         let (ended, mut is_ended) = (Arc::clone(&shared), shared.ended());
         let stopped = async move {
@@ -79,7 +76,7 @@ pub fn serve(
         let listener = listener.tap_io(|stream| {
             let _ = stream.set_nodelay(true);
         });
-        let serving = axum::serve(listener, routes::router(Arc::clone(&shared))).with_graceful_shutdown(stopped);
+        let serving = axum::serve(listener, routes::router(Arc::clone(&shared), gate)).with_graceful_shutdown(stopped);
         // Whoever has sent half a request may never send the rest.
         let late = async {
             let _ = is_ended.wait_for(|ended| *ended).await;
@@ -95,4 +92,18 @@ pub fn serve(
     });
     runtime.shutdown_timeout(GRACE);
     served
+}
+
+/// The threads that answer.
+fn runtime() -> Result<Runtime, ServeError> {
+    let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build();
+    runtime.map_err(ServeError::Stopped)
+}
+
+/// Listens on a port of this machine, or on a free one for 0; what lets windows in there.
+async fn listen(port: u16) -> Result<(TcpListener, Arc<Gate>), ServeError> {
+    let failed = |source| ServeError::Listen { port, source };
+    let listener = TcpListener::bind(SocketAddr::from((Ipv4Addr::LOCALHOST, port))).await.map_err(failed)?;
+    let port = listener.local_addr().map_err(failed)?.port();
+    Ok((listener, Arc::new(Gate::new(port))))
 }

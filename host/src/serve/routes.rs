@@ -17,6 +17,7 @@ use serde_json::json;
 use tokio_stream::wrappers::WatchStream;
 use tokio_stream::{Stream, StreamExt};
 
+use super::gate::Gate;
 use super::guard::guard;
 use super::job::JobStatus;
 use super::samples::{Loaded, Samples, SamplesError};
@@ -36,7 +37,7 @@ const NONCE_LETTERS: usize = 24;
 const USUAL_BINS: usize = 1000;
 
 /// All addresses, guarded.
-pub(super) fn router(shared: Arc<Shared>) -> Router {
+pub(super) fn router(shared: Arc<Shared>, gate: Arc<Gate>) -> Router {
     Router::new()
         .route("/", get(page))
         .route("/assets/{*name}", get(asset))
@@ -49,7 +50,7 @@ pub(super) fn router(shared: Arc<Shared>) -> Router {
         .route("/samples", get(samples))
         .fallback(|| async { Refused::new(StatusCode::NOT_FOUND, "there is nothing at this address") })
         .layer(DefaultBodyLimit::max(MOST_BODY))
-        .layer(middleware::from_fn_with_state(Arc::clone(&shared), guard))
+        .layer(middleware::from_fn_with_state(gate, guard))
         .with_state(shared)
 }
 
@@ -108,18 +109,23 @@ async fn beside<T: Send + 'static>(work: impl FnOnce() -> Answer<T> + Send + 'st
     tokio::task::spawn_blocking(work).await.map_err(broken)?
 }
 
-async fn page(State(shared): State<Arc<Shared>>) -> Answer<Response> {
+/// A page of ours, in which no other scripts run than those that it names.
+pub(super) fn page_of(page: impl FnOnce(&str) -> Html<String>) -> Response {
     let nonce: String = rand::rng().sample_iter(Alphanumeric).take(NONCE_LETTERS).map(char::from).collect();
     let policy = format!(
         "default-src 'none'; script-src 'self' 'nonce-{nonce}'; style-src 'self'; img-src 'self' data: blob:; connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
     );
+    ([(CONTENT_SECURITY_POLICY, policy)], page(&nonce)).into_response()
+}
+
+async fn page(State(shared): State<Arc<Shared>>) -> Answer<Response> {
     // Where study.toml cannot be read, the page itself says why, and goes on when it can.
     let name = beside(move || Ok(Study::load(shared.folder()).map(|study| study.structure.name))).await?;
     let title = name.unwrap_or_else(|_| "Belfry".to_owned());
-    Ok(([(CONTENT_SECURITY_POLICY, policy)], Html(served(&title, &nonce))).into_response())
+    Ok(page_of(|nonce| Html(served(&title, nonce))))
 }
 
-async fn asset(Path(_): Path<String>, uri: Uri) -> Answer<Response> {
+pub(super) async fn asset(Path(_): Path<String>, uri: Uri) -> Answer<Response> {
     let asset = assets().into_iter().find(|asset| asset.path == uri.path());
     let asset = asset.ok_or_else(|| Refused::new(StatusCode::NOT_FOUND, "there is no such file"))?;
     Ok(([(CONTENT_TYPE, asset.media_type)], asset.text).into_response())

@@ -32,9 +32,6 @@ pub(super) struct News {
 pub(super) struct Shared {
     folder: PathBuf,
     stepper: Stepper,
-    port: u16,
-    token: String,
-    session: String,
     news: watch::Sender<News>,
     is_ended: watch::Sender<bool>,
     jobs: AtomicU64,
@@ -58,15 +55,12 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 }
 
 impl Shared {
-    pub(super) fn new(folder: PathBuf, stepper: Stepper, port: u16, token: String, session: String) -> Self {
+    pub(super) fn new(folder: PathBuf, stepper: Stepper) -> Self {
         let files = Mutex::new(state_of(&folder));
         Self {
             folder,
             files,
             stepper,
-            port,
-            token,
-            session,
             news: watch::Sender::new(News::default()),
             is_ended: watch::Sender::new(false),
             jobs: AtomicU64::new(0),
@@ -81,28 +75,6 @@ impl Shared {
 
     pub(super) fn folder(&self) -> &Path {
         &self.folder
-    }
-
-    pub(super) fn token(&self) -> &str {
-        &self.token
-    }
-
-    pub(super) fn session(&self) -> &str {
-        &self.session
-    }
-
-    /// Cookies do not tell ports apart; their names do.
-    pub(super) fn cookie_name(&self) -> String {
-        format!("belfry_{}", self.port)
-    }
-
-    /// Names that this server answers to.
-    pub(super) fn hosts(&self) -> [String; 2] {
-        [format!("127.0.0.1:{}", self.port), format!("localhost:{}", self.port)]
-    }
-
-    pub(super) fn opening_address(&self) -> String {
-        format!("http://127.0.0.1:{}/?token={}", self.port, self.token)
     }
 
     /// Follows what changes.

@@ -9,6 +9,7 @@ use num_complex::Complex64;
 use super::*;
 use crate::archive::TimeRange;
 use crate::model::tests::canton;
+use crate::study::alarms::Alarms;
 use crate::study::{Analysis, Direction, Sensor, Structure as Named, Study};
 
 fn sensor(channel: &str, elevation_m: f64, azimuth_deg: f64, offset_m: [f64; 2]) -> Sensor {
@@ -358,10 +359,11 @@ fn setups_join_into_one_truth() {
 fn study(folder: &Path, setups: Vec<Setup>) -> Study {
     Study {
         folder: folder.to_owned(),
-        structure: Named { name: "mast".into() },
+        structure: Named { name: "mast".into(), place_deg: None },
         setups,
         analysis: Analysis { band_hz: None, decimated_rate_hz: None, segment: None, ..Analysis::default() },
         model: None,
+        alarms: Alarms::default(),
         range: TimeRange::ALL,
         measured: None,
     }

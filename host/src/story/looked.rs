@@ -15,6 +15,7 @@ use crate::measure::{ChannelLook, MeasureError, Measurement, Route, SetupLook, g
 use crate::progress::{OnProgress, rows_of};
 use crate::record::survey::{Surveyed, SurveyedChannel, survey};
 use crate::spectra::{Alone, Lines};
+use crate::study::alarms::Alarms;
 use crate::study::{Analysis, Sensor, Setup, Structure, Study, Unit};
 
 /// A channel with a larger part of its samples missing is suspect for it.
@@ -194,11 +195,12 @@ pub fn look_at_files(
     let setups = found.iter().zip(1..).map(|(one, number)| setup_of(one, number, rate_hz)).collect::<Result<_, _>>()?;
     let study = Study {
         folder: PathBuf::new(),
-        structure: Structure { name: "recordings".to_owned() },
+        structure: Structure { name: "recordings".to_owned(), place_deg: None },
         setups,
         measured: None,
         analysis: Analysis::default(),
         model: None,
+        alarms: Alarms::default(),
         range: TimeRange::default(),
     };
     let mut report = look(&study, on_progress)?;

@@ -56,6 +56,7 @@ mod inputs;
 mod left_out;
 mod looked;
 mod motion;
+mod nodes;
 mod parts;
 mod planned;
 mod profiled;
@@ -93,4 +94,6 @@ pub(crate) use shapes::turned_by_update;
 pub use since::{SinceReport, SinceRequest};
 pub use updated::{BeforeAfter, OtherMode, PairState, PsiExplained, Update, UpdateReport, UpdatedPair, update};
 pub(crate) use watched::{Earlier, Judged, judged, last_seen};
-pub use watched::{Event, EventKind, WatchReport, WatchRequest, WatchedMode};
+pub use watched::{
+    Event, EventKind, NodeEvent, NodesReport, Turned, WatchEvent, WatchReport, WatchRequest, WatchedMode,
+};

@@ -16,7 +16,7 @@ use super::profiled::{self, profiles};
 use super::since::{SinceReport, SinceRequest, since};
 use super::trends;
 use super::updated::{UpdateReport, update};
-use super::watched::{self, WatchReport, WatchRequest};
+use super::watched::{self, NodesReport, WatchReport, WatchRequest};
 use crate::archive::TimeRange;
 use crate::compare::Comparison;
 use crate::diagnose::Diagnosis;
@@ -37,6 +37,7 @@ use crate::results::{
 use crate::study::Study;
 use crate::trend::follow;
 use crate::update::Weights;
+use crate::watch::NodeLimits;
 
 /// A study's folder. Every step writes what it finds into the folder `results`, whole or not at all, and makes sure that it can
 /// before it computes anything.
@@ -228,15 +229,29 @@ impl Project {
         file.exists().then_some(file)
     }
 
+    /// Looks how the nodes of a live study are. Writes `watch_nodes.json`, and what has begun and ended into `alarms.jsonl`.
+    ///
+    /// # Errors
+    /// When a result cannot be read or written.
+    pub fn watch_nodes(&self, limits: &NodeLimits) -> Result<NodesReport, StoryError> {
+        self.results.make_ready()?;
+        watched::watch_nodes(&self.study, &self.results, limits)
+    }
+
     /// Measures the intervals that are new, and judges from all days whether the structure has changed. Goes on where an earlier watch
     /// stopped. Writes `watch.json`, `watch.jsonl`, `alarms.jsonl` and a picture.
     ///
     /// # Errors
     /// When no modes were identified, recordings cannot be read, intervals have another length than before, or a result cannot be
     /// written.
-    pub fn watch(&mut self, request: &WatchRequest, on_progress: OnProgress<'_>) -> Result<WatchReport, StoryError> {
+    pub fn watch(
+        &mut self,
+        request: &WatchRequest,
+        nodes: NodesReport,
+        on_progress: OnProgress<'_>,
+    ) -> Result<WatchReport, StoryError> {
         self.results.make_ready()?;
-        let report = watched::watch(&mut self.study, &self.results, request, on_progress)?;
+        let report = watched::watch(&mut self.study, &self.results, request, nodes, on_progress)?;
         self.results.write_json(WATCH_FILE, &report)?;
         let modes: Vec<(usize, f64)> =
             report.modes.iter().filter(|mode| mode.is_judged).map(|mode| (mode.number, mode.frequency_hz)).collect();

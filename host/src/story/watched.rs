@@ -4,20 +4,24 @@
 //! goes on where it stopped, and whoever starts it anew gets the same.
 
 use std::path::Path;
-use std::time::Duration;
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use serde::{Deserialize, Serialize};
 
 use super::cause::{Cause, cause};
 use super::error::StoryError;
+use super::nodes::nodes;
 use crate::archive::TimeRange;
 use crate::identify::Identification;
 use crate::measure::{Intervals, Route};
 use crate::progress::{OnProgress, rows_of};
-use crate::results::{ALARMS_FILE, INTERVALS_FILE, Lines, MODES_FILE, REFERENCE_FILE, Results, WATCH_FILE};
+use crate::results::{ALARMS_FILE, INTERVALS_FILE, Lines, MODES_FILE, NODES_FILE, REFERENCE_FILE, Results, WATCH_FILE};
 use crate::study::Study;
 use crate::trend::seen;
-use crate::watch::{Alarm, Block, Judgement, SeenInterval, Settings, State, blocks, judge, often_seen};
+use crate::watch::{
+    Alarm, Block, Judgement, NodeLimits, NodeState, OpenProblem, SeenInterval, Settings, State, Turn, blocks, judge,
+    node_turns, often_seen,
+};
 
 /// What a watch is asked for.
 #[derive(Debug, Clone, Copy)]
@@ -28,6 +32,23 @@ pub struct WatchRequest {
     pub route: Route,
     /// When an alarm is raised.
     pub settings: Settings,
+}
+
+/// How nodes are.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct NodesReport {
+    /// Each.
+    pub nodes: Vec<NodeState>,
+    /// What has begun and ended this time.
+    pub events: Vec<NodeEvent>,
+    /// Why nothing new is known.
+    pub warning: Option<String>,
+}
+
+/// What is kept of that.
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
+struct KeptNodes {
+    nodes: Vec<NodeState>,
 }
 
 /// What a watch has found.
@@ -51,6 +72,10 @@ pub struct WatchReport {
     pub causes: Vec<Option<Cause>>,
     /// What has become of alarms this time.
     pub events: Vec<Event>,
+    /// How each node is; none of recordings.
+    pub nodes: Vec<NodeState>,
+    /// What has begun and ended at nodes this time.
+    pub node_events: Vec<NodeEvent>,
     /// What the reader should know.
     pub warnings: Vec<String>,
 }
@@ -94,6 +119,40 @@ pub enum EventKind {
     Withdrawn,
 }
 
+/// What has begun, or ended, at a node.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct NodeEvent {
+    /// The structure's name.
+    pub structure: String,
+    /// Begun or ended.
+    pub event: Turned,
+    /// The node.
+    pub node: u16,
+    /// What.
+    #[serde(flatten)]
+    pub problem: OpenProblem,
+}
+
+/// What can become of a problem.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Turned {
+    /// It has begun.
+    Begun,
+    /// It has ended.
+    Ended,
+}
+
+/// A line of `alarms.jsonl`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(untagged)]
+pub enum WatchEvent {
+    /// Of the structure.
+    Structure(Event),
+    /// Of a node.
+    Node(NodeEvent),
+}
+
 /// What an earlier run left.
 #[derive(Debug, Clone, Default, Deserialize)]
 pub(crate) struct Earlier {
@@ -112,11 +171,46 @@ struct EarlierJudgement {
     alarms: Vec<Alarm>,
 }
 
+/// Looks how nodes are, whatever can be measured, and notes what has begun and ended.
+pub(super) fn watch_nodes(study: &Study, results: &Results, limits: &NodeLimits) -> Result<NodesReport, StoryError> {
+    let before: KeptNodes = results.read_json(NODES_FILE, "watch")?.unwrap_or_default();
+    let now_s = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0.0, |time| time.as_secs_f64());
+    let nodes = match nodes(study, &before.nodes, limits, now_s) {
+        Ok(nodes) => nodes,
+        Err(why) => {
+            let warning = Some(format!("how nodes are is not known: {why}"));
+            return Ok(NodesReport { nodes: before.nodes, events: Vec::new(), warning });
+        }
+    };
+    let turned = |turn: Turn| NodeEvent {
+        structure: study.structure.name.clone(),
+        event: if turn.is_over { Turned::Ended } else { Turned::Begun },
+        node: turn.node,
+        problem: turn.problem,
+    };
+    let events: Vec<NodeEvent> = node_turns(&before.nodes, &nodes).into_iter().map(turned).collect();
+    // Events first: one that is noted twice is better than none.
+    note(results, events.iter().cloned().map(WatchEvent::Node).collect())?;
+    if nodes != before.nodes {
+        results.write_json(NODES_FILE, &KeptNodes { nodes: nodes.clone() })?;
+    }
+    Ok(NodesReport { nodes, events, warning: None })
+}
+
+/// Appends events to the file of alarms.
+fn note(results: &Results, events: Vec<WatchEvent>) -> Result<(), StoryError> {
+    if !events.is_empty() {
+        results.append(ALARMS_FILE, results.lines::<WatchEvent>(ALARMS_FILE)?, &events)?;
+    }
+    Ok(())
+}
+
 /// Measures what is new, judges it, and writes what was found.
 pub(super) fn watch(
     study: &mut Study,
     results: &Results,
     request: &WatchRequest,
+    nodes: NodesReport,
     on_progress: OnProgress<'_>,
 ) -> Result<WatchReport, StoryError> {
     if study.setups.is_empty() {
@@ -157,15 +251,14 @@ pub(super) fn watch(
     }
     results.append(INTERVALS_FILE, lines, &intervals[before..])?;
     let judged = judged(study, results, &reference, &intervals, &request.settings, earlier);
+    warnings.extend(nodes.warning);
     warnings.extend(judged.warnings);
     let share = |number: usize| {
         let seen = intervals.iter().filter(|one| one.modes.iter().any(|mode| mode.number == number)).count();
         seen as f64 / intervals.len().max(1) as f64
     };
     let now_hz = last_seen(&reference, &intervals);
-    if !judged.events.is_empty() {
-        results.append(ALARMS_FILE, results.lines::<Event>(ALARMS_FILE)?, &judged.events)?;
-    }
+    note(results, judged.events.iter().cloned().map(WatchEvent::Structure).collect())?;
     Ok(WatchReport {
         every_s,
         modes: now_hz
@@ -184,6 +277,8 @@ pub(super) fn watch(
         judgement: judged.judgement,
         causes: judged.causes,
         events: judged.events,
+        nodes: nodes.nodes,
+        node_events: nodes.events,
         warnings,
     })
 }

@@ -2,6 +2,7 @@
 //!
 //! Text flows in, validated types flow out; every error names the file, the line and what was expected.
 
+pub mod alarms;
 mod check;
 pub mod edit;
 mod error;

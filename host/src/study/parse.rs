@@ -5,6 +5,7 @@ use std::sync::LazyLock;
 
 use toml::de::DeTable;
 
+use super::alarms::{Alarms, alarms};
 use super::check;
 use super::error::StudyError;
 use super::section::{Entry, Section, Source, line_of};
@@ -17,8 +18,8 @@ use crate::archive::TimeRange;
 use crate::model::effect::KINDS;
 use crate::model::is_numbered;
 
-const STUDY_KEYS: &[&str] = &["structure", "setup", "sensor", "measured", "analysis", "model"];
-const STRUCTURE_KEYS: &[&str] = &["name"];
+const STUDY_KEYS: &[&str] = &["structure", "setup", "sensor", "measured", "analysis", "model", "alarms"];
+const STRUCTURE_KEYS: &[&str] = &["name", "place_deg"];
 const SETUP_KEYS: &[&str] = &[
     "name",
     "files",
@@ -122,8 +123,12 @@ pub(super) fn study(text: &str, folder: &Path) -> Result<Study, StudyError> {
 
     let section = document.get("model").map(|entry| entry.section("a section, written [model]")).transpose()?;
     let model = section.as_ref().map(model).transpose()?;
-    let study =
-        Study { folder: folder.to_owned(), structure, setups, measured, analysis, model, range: TimeRange::ALL };
+    let alarms = match document.get("alarms") {
+        Some(entry) => alarms(&entry.section("a section, written [alarms.email] or [alarms.mqtt]")?)?,
+        None => Alarms::default(),
+    };
+    let folder = folder.to_owned();
+    let study = Study { folder, structure, setups, measured, analysis, model, alarms, range: TimeRange::ALL };
     if let Some(section) = section {
         check::channels_of_groups(&study.sensors(), &section.tables("group")?)?;
     }
@@ -171,7 +176,14 @@ fn sensor_tables<'a>(section: &Section<'a>) -> Result<Vec<Section<'a>>, StudyErr
 fn structure(section: &Section<'_>) -> Result<Structure, StudyError> {
     section.allow_only(STRUCTURE_KEYS)?;
     const NAME: &str = "the structure's name, in quotes";
-    Ok(Structure { name: section.required("name", NAME)?.text(NAME)? })
+    const PLACE: &str = "latitude and longitude in degrees, north and east above zero, such as [46.52, 6.63]";
+    let name = section.required("name", NAME)?.text(NAME)?;
+    let place_deg = section.get("place_deg").map(|entry| {
+        let [latitude, longitude] = entry.pair(PLACE)?;
+        let is_on_earth = latitude.abs() <= 90.0 && longitude.abs() <= 180.0;
+        if is_on_earth { Ok([latitude, longitude]) } else { Err(entry.out_of_range(PLACE)) }
+    });
+    Ok(Structure { name, place_deg: place_deg.transpose()? })
 }
 
 fn setup(section: &Section<'_>) -> Result<Setup, StudyError> {

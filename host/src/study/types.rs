@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
+use super::alarms::Alarms;
 use crate::archive::TimeRange;
 
 /// The file of a study that a user writes.
@@ -24,6 +25,8 @@ pub struct Study {
     pub analysis: Analysis,
     /// The finite element model, where the study has one.
     pub model: Option<Model>,
+    /// Who hears of a watch's alarms.
+    pub alarms: Alarms,
     /// Which part of what nodes have sent is analysed: all, where a command names none.
     pub range: TimeRange,
 }
@@ -33,6 +36,8 @@ pub struct Study {
 pub struct Structure {
     /// A name for titles.
     pub name: String,
+    /// Latitude and longitude in degrees, for maps.
+    pub place_deg: Option<[f64; 2]>,
 }
 
 /// `[measured]`: modes identified elsewhere, with the sensors that they stand at.

@@ -10,7 +10,12 @@ mod block;
 mod channels;
 mod evidence;
 mod judge;
+mod nodes;
 mod surroundings;
 
 pub use block::{Block, DAY_S, LogFrequency, SeenInterval, SeenMode, blocks, often_seen};
 pub use judge::{Alarm, Judgement, ModeShift, Settings, Standing, State, judge};
+pub use nodes::{
+    LOOKED_BACK_S, NEWEST_WINDOWS, NodeLimits, NodeNews, NodeState, OpenProblem, Problem, Turn, WindowHead,
+    state as node_state, turns as node_turns,
+};

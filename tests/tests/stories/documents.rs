@@ -18,13 +18,14 @@ use commands::{CommandHelp, check_line, without_comment};
 use markdown::{Block, Document, Note};
 
 /// Why a block is not run; a document gives one of these reasons and no other.
-const REASONS: [&str; 12] = [
+const REASONS: [&str; 13] = [
     "compiles",
     "opens a browser",
     TAKES_MINUTES,
     "takes half an hour",
     "takes an hour",
     "needs a board",
+    "needs a server",
     "needs a server and a board",
     "needs an emulator",
     "needs a nightly compiler",

@@ -4,6 +4,8 @@
 mod browser;
 #[cfg(browser)]
 mod driver;
+#[cfg(browser)]
+mod fleet;
 pub(crate) mod server;
 
 use std::fs;

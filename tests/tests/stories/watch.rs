@@ -6,6 +6,8 @@ use std::path::Path;
 
 use assert_cmd::prelude::*;
 use belfry_tests::belfry_command;
+use belfry_tests::post::{Begins, Certificate, Post};
+use predicates::prelude::PredicateBooleanExt;
 use predicates::str::contains;
 use serde_json::{Value, json};
 
@@ -120,6 +122,106 @@ fn a_change_is_told_once_with_its_date_and_size_and_weather_is_not() {
         again["warnings"]
     );
     assert_eq!(fs::read_to_string(results.join("alarms.jsonl")).unwrap().lines().count(), 1);
+}
+
+/// Adds `[alarms]` to a study.
+fn tells(study: &str, alarms: &str) {
+    let file = Path::new(study).join("study.toml");
+    let text = fs::read_to_string(&file).unwrap();
+    fs::write(&file, format!("{text}\n{alarms}")).unwrap();
+}
+
+#[test]
+fn an_alarm_goes_by_mail_and_mqtt_once_each_when_their_servers_are_back() {
+    let folder = tempfile::tempdir().unwrap();
+    let study = measured(folder.path());
+    let certificate = Certificate::make(Path::new(&study)).unwrap();
+    let mail = Post::mail(Begins::Tls(&certificate)).unwrap();
+    let broker = Post::broker(Begins::Tls(&certificate)).unwrap();
+    let login = "user = \"tower\"\npassword_file = \"word\"\ntrust = \"server.pem\"";
+    tells(
+        &study,
+        &format!(
+            "[alarms.email]\nserver = \"smtps://localhost:{}\"\n{login}\nfrom = \"Belfry <belfry@example.org>\"\nto = [\"me@example.org\", \"you@example.org\"]\n\
+             [alarms.mqtt]\nserver = \"mqtts://127.0.0.1:{}\"\n{login}\ntopic = \"towers/alarms\"\n",
+            mail.port, broker.port
+        ),
+    );
+    fs::write(Path::new(&study).join("word"), "secret\n").unwrap();
+    let results = Path::new(&study).join("results");
+    fs::write(results.join("watch.jsonl"), days(50, 45, &two(4e-3))).unwrap();
+    let watch = || {
+        let mut command = belfry_command();
+        command.args(["watch", &study, "--once", "--every", "3h", "--direct"]);
+        command.assert()
+    };
+    // The one that fails holds up no other.
+    mail.refuse(1);
+    watch()
+        .failure()
+        .stderr(contains("e-mail by localhost").and(contains("come back later")))
+        .stderr(contains("the next watch tries again"));
+    assert_eq!((mail.given(), broker.given().len()), (vec![], 1));
+    watch().success();
+    // What was told is not told again.
+    watch().success();
+    let [message] = &broker.given()[..] else { panic!("{:?}", broker.given()) };
+    let [letter] = &mail.given()[..] else { panic!("{:?}", mail.given()) };
+    let known = Some(("tower".to_owned(), "secret".to_owned()));
+    assert_eq!((&message.login, &letter.login), (&known, &known));
+    assert_eq!(
+        (&message.to[..], &letter.to[..]),
+        (&["towers/alarms".to_owned()][..], &["me@example.org".to_owned(), "you@example.org".to_owned()][..])
+    );
+    let mut line: Value =
+        serde_json::from_str(fs::read_to_string(results.join("alarms.jsonl")).unwrap().trim()).unwrap();
+    line.as_object_mut().unwrap().remove("schema");
+    assert_eq!(serde_json::from_str::<Value>(&message.content).unwrap(), line);
+    let subject = letter.content.lines().find(|line| line.starts_with("Subject: ")).unwrap();
+    assert!(subject.contains("ALARM: ") && letter.content.contains("Message-ID: <belfry-"), "{}", letter.content);
+    assert!(letter.content.contains("event.json"), "{}", letter.content);
+    // A certificate that nobody vouches for is not trusted, and a watch that cannot tell says so.
+    let text = fs::read_to_string(Path::new(&study).join("study.toml")).unwrap();
+    fs::write(Path::new(&study).join("study.toml"), text.replace("trust = \"server.pem\"\n", "")).unwrap();
+    fs::remove_file(results.join("watch.json")).unwrap();
+    let distrusted = watch().failure();
+    distrusted.stderr(contains("e-mail by").and(contains("MQTT by")).and(contains("ertificate")));
+    assert_eq!((mail.given().len(), broker.given().len()), (1, 1));
+    // Mail for another computer is encrypted, or not sent; this is an address that is not this one's own, though it leads here.
+    let (plain, encrypts) = (Post::mail(Begins::Plain).unwrap(), Post::mail(Begins::StartTls(&certificate)).unwrap());
+    let by = |port: u16| {
+        let own = format!("smtps://localhost:{}", mail.port);
+        fs::write(Path::new(&study).join("study.toml"), text.replace(&own, &format!("smtp://0.0.0.0:{port}"))).unwrap();
+        watch()
+    };
+    by(plain.port).failure().stderr(contains("e-mail by 0.0.0.0"));
+    by(encrypts.port).success();
+    assert_eq!((plain.given().len(), encrypts.given().len(), broker.given().len()), (0, 1, 2));
+    assert_eq!(encrypts.given()[0].login, known);
+}
+
+#[test]
+fn settings_of_alarms_that_cannot_be_meant_are_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let place = folder.path().join("tower").to_str().unwrap().to_owned();
+    belfry_command().args(["init", &place, "--template", "canton"]).assert().success();
+    let file = Path::new(&place).join("study.toml");
+    let text = fs::read_to_string(&file).unwrap();
+    for (bad, said) in [
+        ("[alarms.email]\nserver = \"mail.example.org\"", "alarms.email.server"),
+        ("[alarms.email]\nserver = \"smtp://me:word@mail.example.org\"", "alarms.email.server"),
+        (
+            "[alarms.email]\nserver = \"smtps://mail\"\nfrom = \"nobody\"\nto = [\"me@example.org\"]",
+            "alarms.email.from",
+        ),
+        ("[alarms.email]\nserver = \"smtps://mail\"\nfrom = \"a@b.org\"\nto = []", "alarms.email.to"),
+        ("[alarms.mqtt]\nserver = \"mqtts://hub\"\ntopic = \"towers/#\"", "alarms.mqtt.topic"),
+        ("[alarms.mqtt]\nserver = \"mqtts://hub\"\ntopic = \"towers\"\nuser = \"me\"", "password_file"),
+        ("[alarms.pigeon]\ncolour = 1", "pigeon"),
+    ] {
+        fs::write(&file, format!("{text}\n{bad}\n")).unwrap();
+        belfry_command().args(["look", &place]).assert().failure().stderr(contains("study.toml").and(contains(said)));
+    }
 }
 
 /// A tower's foundation gives way by as much as lowers its first frequency by a hundredth; the days have all its modes, each lower by as much as

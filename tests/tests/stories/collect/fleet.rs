@@ -3,6 +3,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
+use std::path::Path;
 use std::process::{Child, Stdio};
 use std::thread;
 use std::time::{Duration, Instant};
@@ -10,7 +11,11 @@ use std::time::{Duration, Instant};
 use assert_cmd::prelude::*;
 use belfry_tests::belfry_command;
 use belfry_tests::nats::NatsServer;
+use parquet::file::reader::{FileReader, SerializedFileReader};
+use parquet::record::RowAccessor;
 use predicates::str::contains;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
 use serde_json::Value;
 
 use super::live::{LiveBench, interrupt, kill};
@@ -56,20 +61,20 @@ fn spawn(mut command: std::process::Command) -> Child {
     command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap()
 }
 
-fn worker(server: &NatsServer) -> Child {
+fn worker(server: &NatsServer, more: &[&str]) -> Child {
     let mut command = belfry_command();
-    command.args(["work", "--from", &server.url()]);
+    command.args(["work", "--from", &server.url()]).args(more);
     spawn(command)
 }
 
 /// Identifies the modes of what has come and has them followed.
-fn follow(bench: &LiveBench, server: &NatsServer) {
+fn follow(bench: &LiveBench, server: &NatsServer, more: &[&str]) {
     // The drift is known from 20 s on.
     bench.wait_for(200);
     belfry_command().args(["identify", bench.study()]).assert().success();
     let url = server.url();
     let add = ["work", "--from", &url, "--add", bench.study(), "--every", "10s"];
-    belfry_command().args(add).assert().success().stdout(contains("Mast is followed from now on: 2 modes"));
+    belfry_command().args(add).args(more).assert().success().stdout(contains("Mast is followed from now on: 2 modes"));
 }
 
 /// Ends a gateway in good order, when it has published what has come, and waits for the last result.
@@ -88,17 +93,31 @@ fn wait_until(what: &str, is_so: impl Fn() -> bool) {
     }
 }
 
-/// Whole intervals that the archive has, with the windows of each: those that both nodes have gone past.
+/// Whole intervals that the archive has, with the windows of each, by the rule of docs/fleet.md: an interval is over when both nodes have sent a later
+/// window, or one is past it by half of its length, and what comes later than that belongs to none. So after a gateway's death a window that its node
+/// had to send again may.
 fn intervals(windows: &[([u32; 3], i64)]) -> BTreeMap<i64, usize> {
-    let number = |middle_us: &i64| middle_us.div_euclid(1_000_000 * EVERY_S);
-    let newest =
-        |node| windows.iter().filter(|(name, _)| name[0] == node).map(|(_, middle)| number(middle)).max().unwrap();
-    let over = newest(3).min(newest(8));
-    let mut counts = BTreeMap::new();
-    for interval in windows.iter().map(|(_, middle)| number(middle)).filter(|&interval| interval < over) {
-        *counts.entry(interval).or_default() += 1;
+    let every_us = 1_000_000 * EVERY_S;
+    let (mut newest, mut open, mut over) =
+        (BTreeMap::from([(3, i64::MIN), (8, i64::MIN)]), BTreeMap::new(), BTreeMap::new());
+    for (name, middle_us) in windows {
+        newest.insert(name[0], *middle_us);
+        let interval = middle_us.div_euclid(every_us);
+        if over.keys().all(|done| interval > *done) {
+            *open.entry(interval).or_insert(0) += 1;
+        }
+        while let Some((&first, &count)) = open.first_key_value() {
+            let end_us = (first + 1) * every_us;
+            let is_past = |than_us: i64| move |node: &i64| *node >= than_us;
+            let by_all = newest.values().all(is_past(end_us));
+            if !by_all && !newest.values().any(is_past(end_us + every_us / 2)) {
+                break;
+            }
+            over.insert(first, count);
+            open.remove(&first);
+        }
     }
-    counts
+    over
 }
 
 /// Holds what workers have published against the archive, and against what a watch makes of it.
@@ -146,8 +165,8 @@ fn windows_and_results_come_once_whoever_is_killed() {
     let url = server.url();
     let gateway = || spawn(bench.collect(&["--to", &url]));
     let first = gateway();
-    follow(&bench, &server);
-    let workers = [worker(&server), worker(&server)];
+    follow(&bench, &server, &[]);
+    let workers = [worker(&server, &[]), worker(&server, &[])];
     wait_until("the first result", || !results(&server).is_empty());
     kill(first);
     let second = gateway();
@@ -155,7 +174,7 @@ fn windows_and_results_come_once_whoever_is_killed() {
     let [one, other] = workers;
     kill(one);
     thread::sleep(Duration::from_secs(6));
-    let third = worker(&server);
+    let third = worker(&server, &[]);
     thread::sleep(Duration::from_secs(5));
     server.kill(0).unwrap();
     // The archive grows meanwhile.
@@ -172,7 +191,7 @@ fn windows_and_results_come_once_whoever_is_killed() {
     fs::remove_file(bench.folder.path().join("gateway.json")).unwrap();
     let (windows, found) = (published(&server), results(&server));
     let again = gateway();
-    let late = worker(&server);
+    let late = worker(&server, &[]);
     thread::sleep(Duration::from_secs(3));
     interrupt(&again);
     assert!({ again }.wait_with_output().unwrap().status.success());
@@ -182,4 +201,138 @@ fn windows_and_results_come_once_whoever_is_killed() {
     assert_eq!(results(&server)[..found.len()], found);
     let after: BTreeSet<[u32; 3]> = published(&server).into_iter().collect();
     assert_eq!(after.len(), published(&server).len(), "a window has come twice");
+}
+
+#[test]
+#[cfg_attr(not(nats), ignore = "nats-server is not installed; ./test installs it")]
+fn each_server_of_a_cluster_may_die_and_everything_goes_on() {
+    const REPLICAS: [&str; 2] = ["--replicas", "3"];
+    let mut server = NatsServer::start_cluster(3).unwrap();
+    let bench = LiveBench::new();
+    let url = server.url();
+    let gateway = spawn(bench.collect(&["--to", &url, REPLICAS[0], REPLICAS[1]]));
+    follow(&bench, &server, &REPLICAS);
+    let workers = [worker(&server, &REPLICAS), worker(&server, &REPLICAS)];
+    wait_until("the first result", || !results(&server).is_empty());
+    for dead in 0..3 {
+        let before = results(&server).len();
+        server.kill(dead).unwrap();
+        let on = Instant::now();
+        wait_until("results after a server's death", || results(&server).len() >= before + 2);
+        println!("server {dead} is dead: two more results after {:.1} s", on.elapsed().as_secs_f64());
+        server.restart(dead).unwrap();
+        server.wait_until_ready().unwrap();
+    }
+    end(&bench, &server, gateway);
+    workers.into_iter().for_each(kill);
+    holds(&bench, &server);
+}
+
+/// Gateway, worker and server are killed in turn, a hundred times.
+#[test]
+#[cfg_attr(not(all(nats, long_tests)), ignore = "long: ./test --all runs it")]
+fn nothing_is_lost_or_doubled_in_a_hundred_kills() {
+    const KILLS: usize = 100;
+    let mut random = ChaCha8Rng::seed_from_u64(22);
+    let mut server = NatsServer::start().unwrap();
+    let bench = LiveBench::new();
+    let url = server.url();
+    let start_gateway = || spawn(bench.collect(&["--to", &url]));
+    let mut gateway = start_gateway();
+    follow(&bench, &server, &[]);
+    let mut workers = vec![worker(&server, &[]), worker(&server, &[])];
+    wait_until("the first result", || !results(&server).is_empty());
+    for number in 0..KILLS {
+        thread::sleep(Duration::from_secs_f64(random.random_range(0.2..4.0)));
+        match number % 3 {
+            0 => {
+                kill(gateway);
+                gateway = start_gateway();
+            }
+            1 => {
+                kill(workers.remove(0));
+                workers.push(worker(&server, &[]));
+            }
+            _ => {
+                server.kill(0).unwrap();
+                thread::sleep(Duration::from_secs_f64(random.random_range(0.0..2.0)));
+                server.restart(0).unwrap();
+            }
+        }
+    }
+    // The last gateway has to have begun before it can end in good order.
+    let before = stored(&bench).len();
+    wait_until("windows", || stored(&bench).len() > before + 20);
+    end(&bench, &server, gateway);
+    workers.into_iter().for_each(kill);
+    holds(&bench, &server);
+    let (windows, results) = (published(&server).len(), results(&server));
+    let counted: u64 = results.iter().map(|result| result["windows"].as_u64().unwrap()).sum();
+    let first = stored(&bench);
+    let last = results.last().unwrap()["interval"].as_i64().unwrap();
+    let of_intervals = first.iter().filter(|(_, middle_us)| middle_us.div_euclid(1_000_000 * EVERY_S) <= last).count();
+    let late = of_intervals as u64 - counted;
+    println!(
+        "{KILLS} kills: {windows} windows in the stream, {} results, each once; {late} windows came too late for theirs",
+        results.len()
+    );
+}
+
+/// Rows of all Parquet files of the mast: interval, windows, mode and frequency.
+fn rows(folder: &Path) -> Vec<(i64, i64, i64, Option<f64>)> {
+    let mut files: Vec<_> = fs::read_dir(folder.join("Mast")).unwrap().map(|entry| entry.unwrap().path()).collect();
+    files.sort();
+    let mut rows = Vec::new();
+    for file in files.iter().filter(|file| file.extension().is_some_and(|ending| ending == "parquet")) {
+        let reader = SerializedFileReader::new(fs::File::open(file).unwrap()).unwrap();
+        for row in reader.get_row_iter(None).unwrap() {
+            let row = row.unwrap();
+            assert_eq!(row.get_string(0).unwrap(), "Mast");
+            let [interval, windows, mode] = [1, 4, 6].map(|column| row.get_long(column).unwrap());
+            rows.push((interval, windows, mode, row.get_double(7).ok()));
+        }
+    }
+    rows
+}
+
+#[test]
+#[cfg_attr(not(nats), ignore = "nats-server is not installed; ./test installs it")]
+fn a_server_lets_in_who_has_its_credentials_encrypts_and_results_come_as_parquet_once_each() {
+    let server = NatsServer::start_secured().unwrap();
+    let bench = LiveBench::new();
+    let (url, secrets) = (server.url(), server.arguments());
+    assert!(url.starts_with("tls://"));
+    let secrets: Vec<&str> = secrets.iter().map(String::as_str).collect();
+    let gateway = spawn(bench.collect(&[&["--to", &url], &secrets[..]].concat()));
+    follow(&bench, &server, &secrets);
+    // Neither without the certificate nor without the credentials.
+    for some in [&secrets[..2], &secrets[2..]] {
+        let add = ["work", "--from", &url, "--add", bench.study(), "--every", "10s"];
+        belfry_command().args(add).args(some).assert().failure().stderr(contains("no connection to tls://"));
+    }
+    let tables = bench.folder.path().join("tables");
+    let work = || worker(&server, &[&["--parquet", tables.to_str().unwrap()], &secrets[..]].concat());
+    let first = work();
+    wait_until("two results", || results(&server).len() >= 2);
+    kill(first);
+    let second = work();
+    wait_until("two more", || results(&server).len() >= 4);
+    end(&bench, &server, gateway);
+    let results = results(&server);
+    let expected: Vec<_> = results
+        .iter()
+        .flat_map(|result| {
+            let whole = |name: &str| result[name].as_i64().unwrap();
+            let modes = result["seen"]["modes"].as_array().cloned().unwrap_or_default();
+            let row = move |mode: &Value| {
+                (whole("interval"), whole("windows"), mode["number"].as_i64().unwrap(), mode["frequency_hz"].as_f64())
+            };
+            let rows: Vec<_> = modes.iter().map(row).collect();
+            if rows.is_empty() { vec![(whole("interval"), whole("windows"), 0, None)] } else { rows }
+        })
+        .collect();
+    wait_until("the files", || rows(&tables).len() >= expected.len());
+    assert_eq!(rows(&tables), expected);
+    kill(second);
+    holds(&bench, &server);
 }

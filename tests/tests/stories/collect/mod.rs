@@ -3,6 +3,7 @@
 mod bench;
 mod disk;
 mod fleet;
+mod health;
 mod keeping;
 mod live;
 mod mast;

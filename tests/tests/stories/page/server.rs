@@ -43,8 +43,18 @@ impl Answer {
 impl Server {
     /// Serves a study and opens its page.
     pub(crate) fn start(study: &str) -> Self {
-        let mut child =
-            belfry_command().args(["serve", study, "--json"]).stdout(Stdio::piped()).spawn().expect("belfry starts");
+        Self::start_with(&[study])
+    }
+
+    /// The same of what these arguments name.
+    pub(crate) fn start_with(arguments: &[&str]) -> Self {
+        let mut child = belfry_command()
+            .arg("serve")
+            .args(arguments)
+            .arg("--json")
+            .stdout(Stdio::piped())
+            .spawn()
+            .expect("belfry starts");
         let mut line = String::new();
         BufReader::new(child.stdout.take().unwrap()).read_line(&mut line).unwrap();
         let told = sound(serde_json::from_str(&line).expect("the address, as JSON"));

@@ -1,0 +1,86 @@
+//! Results of a structure as Parquet files, one a day: `STRUCTURE/2027-01-15.parquet`. A file is always written whole, of what the stream has, so a worker
+//! that is killed, or two that believe to be in charge, can neither lose nor double a row.
+
+use std::fs;
+use std::mem;
+use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
+
+use super::error::StreamError;
+use super::follow::IntervalResult;
+use super::names;
+use super::reading::each;
+use super::server::Server;
+use crate::archive::moment;
+use crate::export::intervals::intervals;
+use crate::watch::DAY_S;
+
+/// The results of the newest day.
+#[derive(Debug)]
+pub(super) struct DayTable {
+    folder: PathBuf,
+    day: i64,
+    results: Vec<IntervalResult>,
+}
+
+impl DayTable {
+    /// Makes up for days that have no file, and for the newest, which a killed worker may have left unfinished.
+    pub(super) async fn catch_up(server: &Server, folder: &Path, key: &str) -> Result<Self, StreamError> {
+        let folder = folder.join(key);
+        fs::create_dir_all(&folder).map_err(|source| StreamError::File { file: folder.clone(), source })?;
+        let mut table = Self { folder, day: i64::MIN, results: Vec::new() };
+        let mut before: Option<Self> = None;
+        each(&server.results, &names::results(key), 1, false, |message| {
+            let Ok(result) = serde_json::from_slice::<IntervalResult>(&message.payload) else {
+                return Ok(ControlFlow::Continue(()));
+            };
+            let day = day_of(&result);
+            if day != table.day {
+                let next = Self { folder: table.folder.clone(), day, results: Vec::new() };
+                let done = mem::replace(&mut table, next);
+                if let Some(earlier) = before.replace(done)
+                    && !earlier.file().exists()
+                {
+                    earlier.write()?;
+                }
+            }
+            table.results.push(result);
+            Ok(ControlFlow::Continue(()))
+        })
+        .await?;
+        if let Some(before) = before {
+            before.write()?;
+        }
+        table.write()?;
+        Ok(table)
+    }
+
+    /// Takes a result that was published.
+    pub(super) fn push(&mut self, result: IntervalResult) -> Result<(), StreamError> {
+        let day = day_of(&result);
+        if day != self.day {
+            (self.day, self.results) = (day, Vec::new());
+        }
+        self.results.push(result);
+        self.write()
+    }
+
+    fn file(&self) -> PathBuf {
+        let begin = moment(self.day.saturating_mul((DAY_S * 1e6) as i64));
+        self.folder.join(format!("{}.parquet", begin.get(..10).unwrap_or(&begin)))
+    }
+
+    fn write(&self) -> Result<(), StreamError> {
+        if self.results.is_empty() {
+            return Ok(());
+        }
+        let file = self.file();
+        let written = intervals(&file, &self.results);
+        written.map(drop).map_err(|error| StreamError::File { file, source: std::io::Error::other(error) })
+    }
+}
+
+/// The day in which an interval begins, in days since the Unix epoch.
+fn day_of(result: &IntervalResult) -> i64 {
+    (result.start_s / DAY_S).floor() as i64
+}
