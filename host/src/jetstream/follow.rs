@@ -50,7 +50,7 @@ pub struct IntervalResult {
     pub seen: Option<SeenInterval>,
     /// The mode's number and frequency in Hz where each was seen last.
     pub last_hz: Vec<(usize, f64)>,
-    /// The message of the stream that the next interval begins with.
+    /// The message of the stream from which whoever goes on reads: the first of this interval, for what is missing of the next to be known.
     pub next: u64,
     /// What the reader should know.
     pub warnings: Vec<String>,
@@ -146,8 +146,8 @@ impl Followed {
         let mut ledger = Ledger::new(self.structure.every_us(), &self.structure.nodes, self.done);
         let mut due = Vec::new();
         each(&server.data, &names::data(&self.key), self.next, true, |message| {
-            if let (Some((_, kind)), Some(time_us)) = (names::data_of(&message.subject), message.time_us) {
-                due.extend(ledger.take(message.sequence, kind, time_us));
+            if let Some((_, arrived)) = message.arrived() {
+                due.extend(ledger.take(arrived));
             }
             Ok(ControlFlow::Continue(()))
         })

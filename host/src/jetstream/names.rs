@@ -21,6 +21,8 @@ pub(super) const STUDIES: &str = "belfry-studies";
 
 /// The header with the time that a message is of, in µs of Unix time: a window's middle, when a heartbeat came.
 pub(super) const TIME_HEADER: &str = "Belfry-Time";
+/// The header with what makes a message one that the stream has already.
+pub(super) const ID_HEADER: &str = "Nats-Msg-Id";
 
 /// A structure's name as a part of subjects and keys: letters, digits and `_` as they are, all else as `-`.
 pub(super) fn token(structure: &str) -> String {

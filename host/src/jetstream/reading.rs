@@ -7,11 +7,13 @@ use async_nats::jetstream::Message;
 use async_nats::jetstream::consumer::pull::Config;
 use async_nats::jetstream::consumer::{AckPolicy, Consumer, DeliverPolicy};
 use async_nats::jetstream::stream::Stream;
+use belfry_shared::message::WindowName;
 use bytes::Bytes;
 use tokio_stream::StreamExt;
 
 use super::error::StreamError;
-use super::names::TIME_HEADER;
+use super::ledger::Arrived;
+use super::names::{self, ID_HEADER, TIME_HEADER};
 
 /// Messages that are asked for at a time.
 const AT_ONCE: usize = 256;
@@ -29,6 +31,8 @@ pub(super) struct Incoming {
     pub(super) sequence: u64,
     /// The time that it is of, in µs of Unix time, where it says so.
     pub(super) time_us: Option<i64>,
+    /// The window that it is, where it says so.
+    window: Option<WindowName>,
     pub(super) payload: Bytes,
 }
 
@@ -39,7 +43,7 @@ impl Incoming {
     /// [`StreamError::Gone`] where one is missing: what was on its way when the connection was interrupted does not come again.
     pub(super) fn behind(count: &mut u64, message: &Message) -> Result<Self, StreamError> {
         let info = message.info().map_err(StreamError::server("a message"))?;
-        let time = message.headers.as_ref().and_then(|headers| headers.get(TIME_HEADER));
+        let header = |name| message.headers.as_ref().and_then(|headers| headers.get(name)).map(|value| value.as_str());
         *count += 1;
         if info.consumer_sequence != *count {
             return Err(StreamError::Gone);
@@ -47,9 +51,16 @@ impl Incoming {
         Ok(Self {
             subject: message.subject.to_string(),
             sequence: info.stream_sequence,
-            time_us: time.and_then(|time| time.as_str().parse().ok()),
+            time_us: header(TIME_HEADER).and_then(|time| time.parse().ok()),
+            window: header(ID_HEADER).and_then(names::window_of),
             payload: message.payload.clone(),
         })
+    }
+
+    /// The structure that it is of, and what its headers say; `None` of what is neither a window nor a heartbeat.
+    pub(super) fn arrived(&self) -> Option<(&str, Arrived)> {
+        let (key, kind) = names::data_of(&self.subject)?;
+        Some((key, Arrived { sequence: self.sequence, kind, time_us: self.time_us?, window: self.window }))
     }
 }
 

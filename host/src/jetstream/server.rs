@@ -235,7 +235,7 @@ pub(super) async fn newest(stream: &Stream, subject: &str) -> Result<Option<Stre
 
 /// What makes a message one that the stream has already.
 pub(super) fn id_of(message: &StreamMessage) -> Option<&str> {
-    message.headers.get("Nats-Msg-Id").map(|value| value.as_str())
+    message.headers.get(super::names::ID_HEADER).map(|value| value.as_str())
 }
 
 /// A stream, which is made where there is none.

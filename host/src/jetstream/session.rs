@@ -17,8 +17,8 @@ use tokio_stream::StreamExt;
 
 use super::error::StreamError;
 use super::follow::{Followed, IntervalResult};
-use super::ledger::{Due, Ledger};
-use super::names::{self, DataKind};
+use super::ledger::{Arrived, Due, Ledger};
+use super::names;
 use super::reading::{Incoming, reader};
 use super::server::{ALIVE, Address, Server};
 use super::share::is_own;
@@ -55,7 +55,7 @@ enum Outcome {
 /// A structure of this worker.
 enum Own {
     /// A lane takes it over; what has come meanwhile.
-    Taking(Vec<(u64, DataKind, i64)>),
+    Taking(Vec<Arrived>),
     Taken(Box<Ledger>),
 }
 
@@ -216,11 +216,11 @@ impl Share<'_> {
 
     /// Takes a message's headers.
     fn take(&mut self, message: &Incoming) {
-        let (Some((key, kind)), Some(time_us)) = (names::data_of(&message.subject), message.time_us) else { return };
+        let Some((key, arrived)) = message.arrived() else { return };
         let due = match self.held.get_mut(key).and_then(|held| held.own.as_mut()) {
             None => return,
-            Some(Own::Taking(meanwhile)) => return meanwhile.push((message.sequence, kind, time_us)),
-            Some(Own::Taken(ledger)) => ledger.take(message.sequence, kind, time_us),
+            Some(Own::Taking(meanwhile)) => return meanwhile.push(arrived),
+            Some(Own::Taken(ledger)) => ledger.take(arrived),
         };
         self.hand_over(key, due);
     }
@@ -244,10 +244,7 @@ impl Share<'_> {
                 let held = self.held.get_mut(&key).filter(|held| held.revision == revision);
                 let Some(held) = held else { return Ok(()) };
                 let Some(Own::Taking(meanwhile)) = held.own.take() else { return Ok(()) };
-                let due = meanwhile
-                    .into_iter()
-                    .flat_map(|(sequence, kind, time_us)| ledger.take(sequence, kind, time_us))
-                    .collect();
+                let due = meanwhile.into_iter().flat_map(|arrived| ledger.take(arrived)).collect();
                 held.own = Some(Own::Taken(ledger));
                 self.hand_over(&key, due);
             }
