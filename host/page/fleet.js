@@ -75,7 +75,7 @@ function list(fleet) {
     const heads = [["Structure"], ["State"], ["Last data"], ["Newest result"], ["Modes", "number"], ["Nodes", "number"], ["Newest change", "wrap"]]
     return [
         make("h2", "Structures"), filter, map(shown),
-        rows.length ? table("Structures", heads, rows) : make("p.quiet", all.length ? "None is so." : "None was added yet: `belfry work --from URL --add STUDY` adds one."),
+        rows.length ? table("Structures", heads, rows) : make("p.quiet", all.length ? "No structure is in this state." : "No structure has been added yet: `belfry work --from URL --add STUDY` adds one."),
     ]
 }
 

@@ -227,6 +227,7 @@ fn mail(stream: &mut dyn Stream, desk: &Desk, stage: Stage) -> io::Result<Next> 
                 login = parts.get(1).zip(parts.get(2)).map(|(name, word)| ((*name).to_owned(), (*word).to_owned()));
                 "235 welcome".to_owned()
             }
+            "RCPT" if said.contains("<closed@") => "550 no such mailbox".to_owned(),
             "RCPT" => {
                 to.extend(said.split_once('<').and_then(|(_, rest)| Some(rest.split_once('>')?.0.to_owned())));
                 "250 yes".to_owned()

@@ -39,7 +39,7 @@ pub struct Arguments {
     /// The study's folder
     #[arg(value_name = "STUDY", required_unless_present = "fleet")]
     pub study: Option<PathBuf>,
-    /// Show the structures of a fleet, of the NATS server with this address
+    /// Show the structures of the fleet on this NATS server
     #[arg(long, value_name = "URL", conflicts_with = "study")]
     pub fleet: Option<String>,
     /// How the server lets it in

@@ -16,7 +16,7 @@ use super::route::{RouteArguments, percent};
 use super::text::{Columns, values_before_units};
 use crate::archive::moment;
 use crate::diagnose::{ChangeVerdict, Direction};
-use crate::notify::{Hook, Notifier};
+use crate::notify::{Delivered, Hook, Notifier};
 use crate::numbers::probability_text;
 use crate::results::ALARMS_FILE;
 use crate::story::{
@@ -55,7 +55,7 @@ pub struct Arguments {
     /// When an alarm is raised
     #[command(flatten)]
     judging: JudgingArguments,
-    /// A node is an alarm when nothing has come of it for this long
+    /// Raise an alarm when a node has sent nothing for this long
     #[arg(long, value_name = "DURATION", default_value = "15min", value_parser = humantime::parse_duration)]
     silent_after: Duration,
     /// Run a command for every event, with the event as JSON on its standard input
@@ -133,18 +133,24 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
             let _lock = alone(&arguments.study, console)?;
             console.with_progress(|on_progress| project.watch(&request, nodes, on_progress))
         };
-        // A live archive may have no whole interval yet.
-        let report = report.map(Some).or_else(|error| passes(error, goes_on, console))?;
         for event in report.iter().flat_map(|report| &report.events) {
             console.say(sentence(event, is_live));
         }
+        // Before the watch says that it cannot go on: where nodes are silent there may be nothing to watch, and that is an alarm.
         let notifier = Notifier::new(project.study(), hook.as_ref());
-        let failures = notifier.deliver(|event| match event {
+        let delivered = notifier.deliver(|event| match event {
             WatchEvent::Structure(event) => sentence(event, is_live),
             WatchEvent::Node(event) => node_sentence(event),
         });
-        let failures = failures.map_err(StoryError::from).map(Some);
-        let failures = failures.or_else(|error| passes(error, goes_on, console))?.unwrap_or_default();
+        let delivered = delivered.map_err(StoryError::from).map(Some);
+        let Delivered { failures, refused } =
+            delivered.or_else(|error| passes(error, goes_on, console))?.unwrap_or_default();
+        refused.iter().for_each(|error| console.warn(format_args!("{error}; the others have it")));
+        if report.is_err() {
+            failures.iter().for_each(|error| console.warn(format_args!("{error}; it is tried again")));
+        }
+        // A live archive may have no whole interval yet.
+        let report = report.map(Some).or_else(|error| passes(error, goes_on, console))?;
         if let Some(report) = report {
             if is_first || report.new_intervals > 0 {
                 say(&report, &project, is_live, is_first, console);

@@ -34,12 +34,14 @@ impl Bundle {
         let recordings: BTreeSet<PathBuf> =
             study.setups.iter().flat_map(|setup| matching_files(setup, &study.folder).unwrap_or_default()).collect();
         // Workers send no mail: passwords stay here.
-        let secrets: Vec<PathBuf> = study.alarms.secrets().map(|file| study.folder.join(file)).collect();
+        // However their paths are written, and through links.
+        let real = |path: &Path| path.canonicalize().unwrap_or_else(|_| path.to_owned());
+        let secrets: Vec<PathBuf> = study.alarms.secrets().map(|file| real(&study.folder.join(file))).collect();
         let mut paths = Vec::new();
         walk(&study.folder, &study.folder, 0, &mut paths)?;
         let (mut files, mut bytes) = (vec![(reference_path(), reference)], 0);
         for (path, name) in paths {
-            if recordings.contains(&path) || secrets.contains(&path) {
+            if recordings.contains(&path) || secrets.contains(&real(&path)) {
                 continue;
             }
             let content = read_plain(&path).map_err(|source| StreamError::File { file: path, source })?;

@@ -50,7 +50,8 @@ pub struct IntervalResult {
     pub seen: Option<SeenInterval>,
     /// The mode's number and frequency in Hz where each was seen last.
     pub last_hz: Vec<(usize, f64)>,
-    /// The message of the stream from which whoever goes on reads: the first of this interval, for what is missing of the next to be known.
+    /// The message of the stream from which whoever goes on reads: the first of this interval or of a later one. What is missing of the next is
+    /// known from there.
     pub next: u64,
     /// What the reader should know.
     pub warnings: Vec<String>,

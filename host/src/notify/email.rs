@@ -19,14 +19,19 @@ const ANSWER: Duration = Duration::from_secs(20);
 /// A subject is cut behind so many letters.
 const LONGEST_SUBJECT: usize = 120;
 
-/// Sends an event.
-pub(super) fn send(email: &Email, folder: &Path, structure: &str, notice: &Notice) -> Result<(), NotifyError> {
+/// Sends an event to each recipient by itself, for one whose mailbox is closed must not keep it from the others; who has refused it, while others
+/// have it.
+pub(super) fn send(
+    email: &Email,
+    folder: &Path,
+    structure: &str,
+    notice: &Notice,
+) -> Result<Vec<NotifyError>, NotifyError> {
     let server = &email.server;
     let failed = |error: &dyn std::error::Error| NotifyError::Email {
         server: format!("{}:{}", server.host, server.port),
         why: with_cause(error),
     };
-    let message = message(email, structure, notice).map_err(|error| failed(&*error))?;
     let parameters = || -> Result<TlsParameters, NotifyError> {
         let mut builder = TlsParameters::builder(server.host.clone());
         for certificate in tls::trusted(server, folder)? {
@@ -46,29 +51,44 @@ pub(super) fn send(email: &Email, folder: &Path, structure: &str, notice: &Notic
         let password = password(folder.join(&login.password_file))?;
         builder = builder.credentials(Credentials::new(login.user.clone(), password));
     }
-    builder.build().send(&message).map(drop).map_err(|error| failed(&error))
+    let transport = builder.build();
+    let (mut refused, mut taken) = (Vec::new(), 0);
+    for to in &email.to {
+        let message = message(email, to, structure, notice).map_err(|error| failed(&*error))?;
+        match transport.send(&message) {
+            Ok(_) => taken += 1,
+            Err(error) if error.is_permanent() => refused.push(failed(&error)),
+            Err(error) => return Err(failed(&error)),
+        }
+    }
+    // Where nobody has it, the fault is rather in the settings than in the mailboxes, and it is tried again.
+    if taken == 0
+        && let Some(first) = refused.pop()
+    {
+        Err(first)
+    } else {
+        Ok(refused)
+    }
 }
 
 fn message(
     email: &Email,
+    to: &str,
     structure: &str,
     notice: &Notice,
 ) -> Result<Message, Box<dyn std::error::Error + Send + Sync>> {
     let from: Mailbox = email.from.parse()?;
     // The same event has the same identity, so that a mailbox can tell that it has come twice.
     let identity = Crc::<u64>::new(&CRC_64_XZ).checksum(notice.json.as_bytes());
-    let mut builder =
-        Message::builder().message_id(Some(format!("<belfry-{identity:016x}@{}>", from.email.domain()))).from(from);
-    for to in &email.to {
-        builder = builder.to(to.parse()?);
-    }
+    let identity = format!("<belfry-{identity:016x}@{}>", from.email.domain());
+    let builder = Message::builder().message_id(Some(identity)).from(from).to(to.parse()?);
     let attached =
         Attachment::new("event.json".to_owned()).body(notice.json.clone(), ContentType::parse("application/json")?);
     let text = SinglePart::plain(format!("{}\n\nBelfry, watching {structure}\n", notice.words));
     Ok(builder.subject(subject(&notice.words)).multipart(MultiPart::mixed().singlepart(text).singlepart(attached))?)
 }
 
-/// The first sentence, on one line, up to its colon where it is long.
+/// The first sentence, on one line, cut behind a word where it is long.
 fn subject(words: &str) -> String {
     let line: String = words.chars().map(|letter| if letter.is_control() { ' ' } else { letter }).collect();
     let sentence = line.split_inclusive(". ").next().unwrap_or_default().trim();

@@ -1,8 +1,8 @@
 //! Who hears of a watch's events besides `alarms.jsonl`: a command of the user's, an e-mail, a broker.
 //!
-//! The file is the queue. How many of its lines each destination has got stands beside it, so what cannot be sent is sent later, in order, by this
-//! watch or the next; a destination that fails holds up no other. One that fails between taking an event and saying so gets it twice: an e-mail then
-//! has the same Message-ID.
+//! The file is the queue. `watch_told.json` counts the lines that each destination has received, so what cannot be sent is sent later, in order, by
+//! this watch or the next; a destination that fails holds up no other. One that fails between taking an event and saying so gets it twice: an e-mail
+//! then has the same Message-ID.
 
 mod command;
 mod email;
@@ -75,6 +75,15 @@ pub enum NotifyError {
     },
 }
 
+/// What has become of events.
+#[derive(Debug, Default)]
+pub struct Delivered {
+    /// What could not be sent, and is tried again: one of a destination.
+    pub failures: Vec<NotifyError>,
+    /// Who does not take an event that others have got. It is not tried again.
+    pub refused: Vec<NotifyError>,
+}
+
 /// Lines of `alarms.jsonl` that each destination has got; `None` of one that there was not yet.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default)]
@@ -107,7 +116,8 @@ impl<'a> Notifier<'a> {
         let last = results.lines::<WatchEvent>(ALARMS_FILE)?.objects.last().map_or(0, |(line, _)| *line);
         let now = |told: Option<usize>, is_there: bool| is_there.then_some(told.unwrap_or(last).min(last));
         let after = Told {
-            command: now(before.command, self.hook.is_some()),
+            // A watch without the command may run beside one with it, whose events wait.
+            command: if self.hook.is_some() { now(before.command, true) } else { before.command },
             email: now(before.email, self.study.alarms.email.is_some()),
             mqtt: now(before.mqtt, self.study.alarms.mqtt.is_some()),
         };
@@ -117,17 +127,15 @@ impl<'a> Notifier<'a> {
         write(&results, before, after)
     }
 
-    /// Gives every destination the events that it has not got yet; those that failed.
+    /// Gives every destination the events that it has not got yet.
     ///
     /// # Errors
     /// When the files of results cannot be read or written.
-    pub fn deliver(&self, words: impl Fn(&WatchEvent) -> String) -> Result<Vec<NotifyError>, ResultsError> {
+    pub fn deliver(&self, words: impl Fn(&WatchEvent) -> String) -> Result<Delivered, ResultsError> {
         let results = Results::of(self.study);
         let before = told(&results)?;
         let destinations = [before.command, before.email, before.mqtt];
-        let (Some(first), mut after) = (destinations.into_iter().flatten().min(), before) else {
-            return Ok(Vec::new());
-        };
+        let Some(first) = destinations.into_iter().flatten().min() else { return Ok(Delivered::default()) };
         let lines = results.lines::<WatchEvent>(ALARMS_FILE)?;
         let notices: Vec<(usize, Notice)> = lines
             .objects
@@ -138,28 +146,55 @@ impl<'a> Notifier<'a> {
                 Some((*line, Notice { words: words(event), json }))
             })
             .collect();
-        let mut failures = Vec::new();
         let folder = &self.study.folder;
-        let mut give = |told: &mut Option<usize>, send: &mut dyn FnMut(&Notice) -> Result<(), NotifyError>| {
-            let Some(done) = told else { return };
-            for (line, notice) in notices.iter().filter(|(line, _)| *line > *done).collect::<Vec<_>>() {
-                match send(notice) {
-                    Ok(()) => *done = *line,
-                    Err(error) => return failures.push(error),
-                }
-            }
-        };
-        if let Some(hook) = self.hook {
-            give(&mut after.command, &mut |notice| hook.run(notice));
-        }
+        let mut queue = Queue { results: &results, notices, told: before, delivered: Delivered::default() };
         if let Some(email) = &self.study.alarms.email {
-            give(&mut after.email, &mut |notice| email::send(email, folder, &self.study.structure.name, notice));
+            let send = |notice: &Notice| email::send(email, folder, &self.study.structure.name, notice);
+            queue.give(|told| &mut told.email, send)?;
         }
         if let Some(mqtt) = &self.study.alarms.mqtt {
-            give(&mut after.mqtt, &mut |notice| mqtt::publish(mqtt, folder, notice));
+            queue.give(|told| &mut told.mqtt, |notice| mqtt::publish(mqtt, folder, notice).map(|()| Vec::new()))?;
         }
-        write(&results, before, after)?;
-        Ok(failures)
+        // Last: it may take its time.
+        if let Some(hook) = self.hook {
+            queue.give(|told| &mut told.command, |notice| hook.run(notice).map(|()| Vec::new()))?;
+        }
+        Ok(queue.delivered)
+    }
+}
+
+/// Events that destinations wait for.
+struct Queue<'a> {
+    results: &'a Results,
+    /// With their lines.
+    notices: Vec<(usize, Notice)>,
+    told: Told,
+    delivered: Delivered,
+}
+
+impl Queue<'_> {
+    /// Gives a destination its events, in order, until one fails; each is noted when it has been taken. `send` says who refused it.
+    fn give(
+        &mut self,
+        of: fn(&mut Told) -> &mut Option<usize>,
+        send: impl Fn(&Notice) -> Result<Vec<NotifyError>, NotifyError>,
+    ) -> Result<(), ResultsError> {
+        for (line, notice) in &self.notices {
+            if of(&mut self.told).is_none_or(|done| *line <= done) {
+                continue;
+            }
+            match send(notice) {
+                Ok(refused) => self.delivered.refused.extend(refused),
+                Err(error) => {
+                    self.delivered.failures.push(error);
+                    break;
+                }
+            }
+            let before = self.told;
+            *of(&mut self.told) = Some(*line);
+            write(self.results, before, self.told)?;
+        }
+        Ok(())
     }
 }
 

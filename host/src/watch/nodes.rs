@@ -25,6 +25,8 @@ const MOST_DRIFT_PPM: f64 = 200.0;
 const FAULTY_HEARTBEATS: usize = 3;
 /// Where windows are rarer than heartbeats, a node is silent after this many of them.
 const WINDOWS_MISSED: f64 = 4.0;
+/// How far clocks of nodes and of this computer may be apart, in s.
+const AHEAD_S: f64 = 60.0;
 /// An open problem ends below this share of what begins it.
 const ENDS_BELOW: f64 = 0.5;
 
@@ -136,16 +138,23 @@ pub fn state(news: &NodeNews, before: Option<&NodeState>, limits: &NodeLimits, n
     let last_window_s = news.windows.first().map(|window| window.time_s);
     let last = news.heartbeats.last();
     let last_seen_s = [last_window_s, last.map(|last| last.time_s), before.and_then(|before| before.last_seen_s)];
-    let last_seen_s = last_seen_s.into_iter().flatten().reduce(f64::max);
+    // A clock that was ahead for a while has seen nothing that is still to come.
+    let has_been = |time_s: &f64| *time_s <= now_s + AHEAD_S;
+    let last_seen_s = last_seen_s.into_iter().flatten().filter(has_been).reduce(f64::max);
     let lost = Lost::of(news);
     let clock_offset_s = median(news.windows.iter().map(|window| window.middle_offset_s));
     let clock_drift_ppm = median(news.windows.iter().map(|window| window.drift_ppm));
     let mut problems = Vec::new();
-    let mut note = |problem: Problem, size: f64, says: String, since_s: f64| {
+    // A problem of which nothing is measured now is as it was: silence is no recovery.
+    let mut note = |problem: Problem, since_s: f64, measured: Option<(f64, String)>| {
         let open = before.and_then(|before| before.problems.iter().find(|open| open.problem == problem));
-        let is_open = size > if open.is_some() { ENDS_BELOW } else { 1.0 };
-        if is_open {
-            problems.push(OpenProblem { problem, since_s: open.map_or(since_s, |open| open.since_s), says });
+        let least = if open.is_some() { ENDS_BELOW } else { 1.0 };
+        match measured {
+            None => problems.extend(open.cloned()),
+            Some((size, says)) if size > least => {
+                problems.push(OpenProblem { problem, since_s: open.map_or(since_s, |open| open.since_s), says });
+            }
+            Some(_) => {}
         }
     };
     if let Some(seen_s) = last_seen_s {
@@ -154,29 +163,29 @@ pub fn state(news: &NodeNews, before: Option<&NodeState>, limits: &NodeLimits, n
         let after_s = limits.silent_after_s.max(by_windows_s);
         // It speaks or it does not: there is no edge to be on.
         let size = if now_s - seen_s > after_s { 2.0 } else { 0.0 };
-        note(Problem::Silent, size, format!("nothing for {}", duration(now_s - seen_s)), seen_s);
+        note(Problem::Silent, seen_s, Some((size, format!("nothing for {}", duration(now_s - seen_s)))));
     }
     let shares = [lost.samples, lost.windows].into_iter().flatten();
-    if let Some(most) = shares.reduce(f64::max) {
+    let loses = shares.reduce(f64::max).map(|most| {
         let of = |share: Option<f64>, what: &str| share.map(|share| format!("{:.1} % of {what}", 100.0 * share));
         let told: Vec<String> =
             [of(lost.samples, "samples"), of(lost.windows, "windows")].into_iter().flatten().collect();
-        note(Problem::LosesSamples, most / MOST_LOST, told.join(", "), now_s);
-    }
-    if let (Some(offset_s), Some(drift_ppm)) = (clock_offset_s, clock_drift_ppm) {
+        (most / MOST_LOST, told.join(", "))
+    });
+    note(Problem::LosesSamples, now_s, loses);
+    let clock = clock_offset_s.zip(clock_drift_ppm).map(|(offset_s, drift_ppm)| {
         // A node keeps its windows on the grid to a sample after decimation.
         let by_offset = if news.decimated_s > 0.0 { offset_s.abs() / news.decimated_s } else { 0.0 };
         let size = by_offset.max(drift_ppm.abs() / MOST_DRIFT_PPM);
-        note(
-            Problem::ClockOff,
-            size,
-            format!("off by {:.1} ms, drifting by {drift_ppm:.1} ppm", 1e3 * offset_s),
-            now_s,
-        );
-    }
-    if let Some(faults) = lasting_faults(&news.heartbeats) {
-        note(Problem::FaultySensor, 2.0, faults, now_s);
-    }
+        (size, format!("off by {:.1} ms, drifting by {drift_ppm:.1} ppm", 1e3 * offset_s))
+    });
+    note(Problem::ClockOff, now_s, clock);
+    let faulty = match lasting_faults(&news.heartbeats) {
+        Some(faults) => Some((2.0, faults)),
+        None if news.heartbeats.is_empty() => None,
+        None => Some((0.0, String::new())),
+    };
+    note(Problem::FaultySensor, now_s, faulty);
     NodeState {
         node: news.node,
         last_seen_s,
@@ -380,5 +389,26 @@ mod tests {
             problems(&state(&news(vec![faulty(300.0, 2), faulty(180.0, 1), faulty(60.0, 2)]), None, &LIMITS, NOW_S)),
             []
         );
+        // A day of silence is no recovery: both stay until something else is measured.
+        let bad = NodeState { problems: [bad_share(), stays.problems.clone()].concat(), ..stays };
+        let later = state(&news(Vec::new()), Some(&bad), &LIMITS, NOW_S + 2.0 * LOOKED_BACK_S);
+        assert_eq!(problems(&later), [Problem::Silent, Problem::LosesSamples, Problem::FaultySensor]);
+        let spoken = news(vec![heartbeat(3660.0, 7, 0), heartbeat(60.0, 7, 0)]);
+        assert_eq!(problems(&state(&spoken, Some(&bad), &LIMITS, NOW_S)), []);
+    }
+
+    fn bad_share() -> Vec<OpenProblem> {
+        state(&news(vec![heartbeat(3660.0, 7, 0), heartbeat(60.0, 7, 5400)]), None, &LIMITS, NOW_S).problems
+    }
+
+    /// A computer without a clock thinks that it is 2036 until it is told the time.
+    #[test]
+    fn what_was_seen_in_a_time_to_come_was_not_seen() {
+        let mut ahead = news(vec![heartbeat(60.0, 7, 0)]);
+        ahead.windows[0].time_s = NOW_S + 3e8;
+        let seen = state(&ahead, None, &LIMITS, NOW_S);
+        assert_eq!(seen.last_seen_s, Some(NOW_S - 60.0));
+        let kept = NodeState { last_seen_s: Some(NOW_S + 3e8), ..seen };
+        assert_eq!(problems(&state(&news(Vec::new()), Some(&kept), &LIMITS, NOW_S + 3600.0)), [Problem::Silent]);
     }
 }

@@ -142,7 +142,7 @@ fn an_alarm_goes_by_mail_and_mqtt_once_each_when_their_servers_are_back() {
     tells(
         &study,
         &format!(
-            "[alarms.email]\nserver = \"smtps://localhost:{}\"\n{login}\nfrom = \"Belfry <belfry@example.org>\"\nto = [\"me@example.org\", \"you@example.org\"]\n\
+            "[alarms.email]\nserver = \"smtps://localhost:{}\"\n{login}\nfrom = \"Belfry <belfry@example.org>\"\nto = [\"me@example.org\", \"closed@example.org\", \"you@example.org\"]\n\
              [alarms.mqtt]\nserver = \"mqtts://127.0.0.1:{}\"\n{login}\ntopic = \"towers/alarms\"\n",
             mail.port, broker.port
         ),
@@ -162,17 +162,19 @@ fn an_alarm_goes_by_mail_and_mqtt_once_each_when_their_servers_are_back() {
         .stderr(contains("e-mail by localhost").and(contains("come back later")))
         .stderr(contains("the next watch tries again"));
     assert_eq!((mail.given(), broker.given().len()), (vec![], 1));
-    watch().success();
+    // A mailbox that is closed keeps nobody else from it, and is not tried again.
+    watch().success().stderr(contains("no such mailbox").and(contains("the others have it")));
     // What was told is not told again.
-    watch().success();
+    watch().success().stderr(contains("mailbox").not());
     let [message] = &broker.given()[..] else { panic!("{:?}", broker.given()) };
-    let [letter] = &mail.given()[..] else { panic!("{:?}", mail.given()) };
+    let [letter, other] = &mail.given()[..] else { panic!("{:?}", mail.given()) };
     let known = Some(("tower".to_owned(), "secret".to_owned()));
     assert_eq!((&message.login, &letter.login), (&known, &known));
     assert_eq!(
         (&message.to[..], &letter.to[..]),
-        (&["towers/alarms".to_owned()][..], &["me@example.org".to_owned(), "you@example.org".to_owned()][..])
+        (&["towers/alarms".to_owned()][..], &["me@example.org".to_owned()][..])
     );
+    assert_eq!(other.to, ["you@example.org"]);
     let mut line: Value =
         serde_json::from_str(fs::read_to_string(results.join("alarms.jsonl")).unwrap().trim()).unwrap();
     line.as_object_mut().unwrap().remove("schema");
@@ -186,7 +188,7 @@ fn an_alarm_goes_by_mail_and_mqtt_once_each_when_their_servers_are_back() {
     fs::remove_file(results.join("watch.json")).unwrap();
     let distrusted = watch().failure();
     distrusted.stderr(contains("e-mail by").and(contains("MQTT by")).and(contains("ertificate")));
-    assert_eq!((mail.given().len(), broker.given().len()), (1, 1));
+    assert_eq!((mail.given().len(), broker.given().len()), (2, 1));
     // Mail for another computer is encrypted, or not sent; this is an address that is not this one's own, though it leads here.
     let (plain, encrypts) = (Post::mail(Begins::Plain).unwrap(), Post::mail(Begins::StartTls(&certificate)).unwrap());
     let by = |port: u16| {
@@ -196,7 +198,7 @@ fn an_alarm_goes_by_mail_and_mqtt_once_each_when_their_servers_are_back() {
     };
     by(plain.port).failure().stderr(contains("e-mail by 0.0.0.0"));
     by(encrypts.port).success();
-    assert_eq!((plain.given().len(), encrypts.given().len(), broker.given().len()), (0, 1, 2));
+    assert_eq!((plain.given().len(), encrypts.given().len(), broker.given().len()), (0, 2, 2));
     assert_eq!(encrypts.given()[0].login, known);
 }
 
