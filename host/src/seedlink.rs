@@ -103,6 +103,11 @@ pub enum SeedLinkNews {
         /// Their number.
         count: u64,
     },
+    /// A packet has no record that can be read, and is left out.
+    LeftOut {
+        /// Its number.
+        sequence: u32,
+    },
 }
 
 /// A channel that is wanted.
@@ -274,7 +279,7 @@ impl SeedLink {
             }
             if filled == packet.len() {
                 filled = 0;
-                self.take(&packet)?;
+                self.take(&packet, tell)?;
             }
             if self.waiting > 0 && (self.waiting >= KEPT_AFTER || self.kept.elapsed() > KEPT_EVERY) {
                 self.keep()?;
@@ -285,7 +290,7 @@ impl SeedLink {
     }
 
     /// Puts a record into its file.
-    fn take(&mut self, packet: &[u8]) -> Result<(), SeedLinkError> {
+    fn take(&mut self, packet: &[u8], tell: &mut dyn FnMut(SeedLinkNews)) -> Result<(), SeedLinkError> {
         let wrong = |why: &str| SeedLinkError::Server { server: self.server.clone(), why: why.to_owned() };
         let (header, record) = packet.split_at(HEADER);
         if header.starts_with(b"SLINFO") {
@@ -294,7 +299,10 @@ impl SeedLink {
         let digits = header.strip_prefix(b"SL").and_then(|digits| std::str::from_utf8(digits).ok());
         let sequence = digits.and_then(|digits| u32::from_str_radix(digits, 16).ok());
         let sequence = sequence.ok_or_else(|| wrong("what it sends is no packet of SeedLink 3"))?;
-        let (name, start_ns) = mseed_head(record).ok_or_else(|| wrong("a packet without a record of miniSEED 2"))?;
+        let Some((name, start_ns)) = mseed_head(record) else {
+            tell(SeedLinkNews::LeftOut { sequence });
+            return Ok(());
+        };
         let Some(channel) = self.channels.iter().find(|channel| channel.name() == name) else { return Ok(()) };
         let station = channel.station();
         let day = moment(start_ns / 1000);
@@ -313,7 +321,11 @@ impl SeedLink {
             }
         };
         if !file.newest.remove(record) {
-            file.file.write_all(record).map_err(failed)?;
+            if let Err(error) = file.file.write_all(record) {
+                // Half of it may stand there: who opens the file again takes it off.
+                self.days.remove(&path);
+                return Err(failed(error));
+            }
             self.count += 1;
         }
         self.position.0.insert(station, sequence);
@@ -550,6 +562,18 @@ mod tests {
         cut.set_len(25 * RECORD as u64 + 100).unwrap();
         let (count, _) = collect(5);
         assert_eq!((count, file("DAMA")), (5, whole("DAMA")));
+        // What is no record, or one of another length, is told and left out.
+        let mut client = SeedLink::new(&study, &format!("127.0.0.1:{port}")).unwrap();
+        let mut longer = record("DAMA", 31);
+        let exponent =
+            longer.windows(2).position(|pair| pair == [1000_u16.to_be_bytes()[0], 1000_u16.to_be_bytes()[1]]);
+        longer[exponent.unwrap() + 6] = 12;
+        for bad in [vec![0; RECORD], longer] {
+            let mut news = Vec::new();
+            client.take(&[b"SL00001F".to_vec(), bad].concat(), &mut |one| news.push(one)).unwrap();
+            assert!(matches!(news[..], [SeedLinkNews::LeftOut { sequence: 31 }]), "{news:?}");
+        }
+        assert_eq!(file("DAMA"), whole("DAMA"));
         let reader = crate::record::matching_files(&study.setups[0], &study.folder).unwrap();
         assert_eq!(reader.len(), 2);
     }

@@ -118,6 +118,11 @@ fn seedlink(study: &Study, server: &str, duration: Option<Duration>, console: &C
     let count = client.collect(is_over, |news| match news {
         SeedLinkNews::Waiting { reason } => console.report(format_args!("{reason}. It is tried again.")),
         SeedLinkNews::Connected => console.report("connected"),
+        SeedLinkNews::LeftOut { sequence } => {
+            console.report(format_args!(
+                "packet {sequence:06X} has no record of miniSEED 2 with 512 bytes, and is left out"
+            ));
+        }
         SeedLinkNews::Records { .. } => {}
     })?;
     console.say(format!("{count} records of miniSEED."));

@@ -32,9 +32,10 @@ struct Record {
     data: [u64; 2],
 }
 
-/// The channel and the start, in ns of Unix time, of a record of version 2; `None` of anything else.
-pub(crate) fn head(record: &[u8]) -> Option<(String, i64)> {
-    version_2(record).map(|record| (record.name, record.start_ns))
+/// The channel and the start, in ns of Unix time, of a record of version 2 that is as long as it says; `None` of anything else.
+pub(crate) fn head(bytes: &[u8]) -> Option<(String, i64)> {
+    let record = version_2(bytes).filter(|record| record.bytes == bytes.len() as u64)?;
+    Some((record.name, record.start_ns))
 }
 
 /// Adds the records of a file to those of others.
