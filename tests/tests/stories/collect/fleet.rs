@@ -136,11 +136,13 @@ fn holds(bench: &LiveBench, server: &NatsServer) {
     assert!(seen.len() >= 3, "{seen:?}");
     let same: BTreeSet<i64> = seen.keys().copied().filter(|interval| watched.contains_key(interval)).collect();
     assert_eq!(same.len(), seen.len(), "a watch has seen {:?}", watched.keys());
-    for interval in same {
-        let (worker, watch) = (seen[&interval], &watched[&interval]);
-        let modes = |seen: &Value| seen["modes"].as_array().unwrap().clone();
-        assert!(modes(worker).len() >= 2 && worker["modes"] == watch["modes"], "{interval}: {worker} beside {watch}");
+    for interval in &same {
+        let (worker, watch) = (seen[interval], &watched[interval]);
+        assert_eq!(worker["modes"], watch["modes"], "{interval}");
     }
+    // Ten seconds show both modes as a rule, and one of them now and then.
+    let both = same.iter().filter(|interval| seen[interval]["modes"].as_array().unwrap().len() >= 2).count();
+    assert!(2 * both > same.len(), "{both} of {} intervals show both modes", same.len());
 }
 
 #[test]
