@@ -11,7 +11,9 @@ const LOOK_AT_ONE_MS = 10000
 const STATES = {
     alarm: ["alarm", "▲", "bad"],
     silent: ["silent", "○", "given-text"],
+    node_trouble: ["a node", "▼", "given-text"],
     changed: ["changed", "◆", "forced-text"],
+    unreadable: ["unreadable", "×", "bad"],
     waiting: ["no result yet", "□", "quiet"],
     learning: ["learning", "◐", "quiet"],
     unchanged: ["unchanged", "●", "effects-text"],
@@ -30,6 +32,8 @@ const shape = (tag, attributes, ...children) => {
 const chosen = () => new URLSearchParams(location.hash.slice(1)).get("structure")
 const address = key => "#" + new URLSearchParams({ structure: key })
 const moment = s => known(s) ? new Date(1000 * s).toISOString().slice(0, 16).replace("T", " ") : "–"
+// What is wrong with nodes, in a sentence each.
+const troubles = one => Object.entries(one.node_problems).flatMap(([node, problems]) => problems.map(problem => `node ${node} ${problem}`))
 const ago = (s, now) => known(s) ? make("span", { title: moment(s) + " UTC" }, duration(Math.max(0, now - s)) + " ago") : "–"
 const mark = state => {
     const [words, sign, colour] = STATES[state] ?? [state, "?", "quiet"]
@@ -69,10 +73,10 @@ function list(fleet) {
         const alarms = one.alarms.filter(alarm => alarm.state !== "withdrawn")
         return [
             make("a", { href: address(one.key) }, one.name), mark(one.state), ago(one.last_data_s, fleet.at_s), ago(one.last_result_s, fleet.at_s),
-            String(one.modes), String(one.nodes), alarms.length ? sentence(alarms.at(-1)) : "–",
+            String(one.modes), String(one.nodes), one.why ?? (one.state === "node_trouble" ? troubles(one)[0] : alarms.length ? sentence(alarms.at(-1)) : "–"),
         ]
     })
-    const heads = [["Structure"], ["State"], ["Last data"], ["Newest result"], ["Modes", "number"], ["Nodes", "number"], ["Newest change", "wrap"]]
+    const heads = [["Structure"], ["State"], ["Last data"], ["Newest result"], ["Modes", "number"], ["Nodes", "number"], ["What it says", "wrap"]]
     return [
         make("h2", "Structures"), filter, map(shown),
         rows.length ? table("Structures", heads, rows) : make("p.quiet", all.length ? "No structure is in this state." : "No structure has been added yet: `belfry work --from URL --add STUDY` adds one."),
@@ -154,7 +158,7 @@ function one(detail, now) {
         })) : make("p.quiet", "No interval has shown one yet."),
         make("div.courses", ...numbers.map(number => course(number, detail.intervals)).filter(Boolean)),
         make("h2", "Nodes"),
-        table("Nodes", [["Node", "number"], ["Last data"]], Object.entries(detail.nodes_seen_s).map(([node, seen]) => [node, ago(seen, now)])),
+        table("Nodes", [["Node", "number"], ["Last data"], ["Problems", "wrap"]], Object.entries(detail.nodes_seen_s).map(([node, seen]) => [node, ago(seen, now), (detail.node_problems[node] ?? []).join("; ") || "–"])),
         newest?.warnings.length ? make("ul.findings", ...newest.warnings.map(warning => make("li.warning", warning))) : null,
     ]
 }

@@ -230,9 +230,13 @@ impl FolderLock {
     /// # Errors
     /// As [`FolderLock::take`].
     pub fn at_once(folder: &Path) -> io::Result<Option<Self>> {
-        let file = Self::file(folder)?;
+        Self::file(folder).map(Self::on_at_once)
+    }
+
+    /// The same by another file.
+    pub(crate) fn on_at_once(file: File) -> Option<Self> {
         let is_taken = matches!(file.try_lock(), Err(TryLockError::WouldBlock));
-        Ok((!is_taken).then_some(Self { _file: file }))
+        (!is_taken).then_some(Self { _file: file })
     }
 
     fn file(folder: &Path) -> io::Result<File> {

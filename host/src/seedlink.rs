@@ -14,8 +14,8 @@ use std::time::{Duration, Instant};
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-use crate::archive::moment;
-use crate::files::write_whole;
+use crate::archive::day;
+use crate::files::{FolderLock, open_lock, write_whole};
 use crate::patience::Patience;
 use crate::record::mseed_head;
 use crate::study::Study;
@@ -35,6 +35,10 @@ const MAY_COME_AGAIN: u64 = 4 * KEPT_AFTER as u64;
 /// How long the server may take to answer, and be silent.
 const ANSWER: Duration = Duration::from_secs(10);
 const SILENCE: Duration = Duration::from_secs(600);
+/// A server that has refused something is asked for it again after this time.
+const ASK_AGAIN: Duration = Duration::from_secs(3600);
+/// Locked by the one client of a study.
+const LOCK_FILE: &str = "seedlink.lock";
 /// How often it is looked whether it is to stop.
 const LOOK: Duration = Duration::from_millis(200);
 
@@ -71,6 +75,12 @@ pub enum SeedLinkError {
         /// What is wrong.
         why: String,
     },
+    /// Another client writes into the same files.
+    #[error("{}: another `belfry collect` takes records into this study", study.display())]
+    Taken {
+        /// The study's folder.
+        study: PathBuf,
+    },
     /// A file cannot be read or written.
     #[error("{}: {source}", file.display())]
     File {
@@ -98,6 +108,11 @@ pub enum SeedLinkNews {
     },
     /// Records come again, or for the first time.
     Connected,
+    /// The server does not give these stations or channels. It is asked again when the connection is made anew, within an hour.
+    Refused {
+        /// Their names.
+        names: Vec<String>,
+    },
     /// So many records have come since the start.
     Records {
         /// Their number.
@@ -150,6 +165,9 @@ pub struct SeedLink {
     waiting: usize,
     kept: Instant,
     count: u64,
+    /// Stations and channels that the server has refused.
+    refused: BTreeSet<String>,
+    _lock: FolderLock,
 }
 
 impl SeedLink {
@@ -186,6 +204,9 @@ impl SeedLink {
         if channels.is_empty() {
             return Err(SeedLinkError::NoChannels { study: study.folder.join(crate::study::STUDY_FILE) });
         }
+        let lock = study.folder.join(LOCK_FILE);
+        let file = open_lock(&lock).map_err(|source| SeedLinkError::File { file: lock, source })?;
+        let lock = FolderLock::on_at_once(file).ok_or_else(|| SeedLinkError::Taken { study: study.folder.clone() })?;
         let position_file = study.folder.join(POSITION_FILE);
         let position = match fs::read(&position_file) {
             Ok(text) => serde_json::from_slice(&text)
@@ -195,8 +216,18 @@ impl SeedLink {
         };
         let named_port = server.rsplit_once(':').is_some_and(|(_, port)| port.parse::<u16>().is_ok());
         let server = if named_port { server.to_owned() } else { format!("{server}:{PORT}") };
-        let (days, kept) = (BTreeMap::new(), Instant::now());
-        Ok(Self { server, position_file, channels, position, days, waiting: 0, kept, count: 0 })
+        Ok(Self {
+            server,
+            position_file,
+            channels,
+            position,
+            days: BTreeMap::new(),
+            waiting: 0,
+            kept: Instant::now(),
+            count: 0,
+            refused: BTreeSet::new(),
+            _lock: lock,
+        })
     }
 
     /// Names of the channels that are asked for.
@@ -213,7 +244,7 @@ impl SeedLink {
         stop: impl Fn() -> bool,
         mut tell: impl FnMut(SeedLinkNews),
     ) -> Result<u64, SeedLinkError> {
-        let (start, mut patience) = (Instant::now(), Patience::default());
+        let (start, mut patience) = (Instant::now(), Patience::with_server());
         while !stop() {
             let session = self.session(&stop, &mut || _ = patience.worked(start.elapsed()), &mut tell);
             match session.and_then(|()| self.keep()) {
@@ -248,24 +279,52 @@ impl SeedLink {
         line.answer()?;
         let stations: BTreeSet<[String; 2]> =
             self.channels.iter().map(|one| [one.parts[0].clone(), one.parts[1].clone()]).collect();
+        let (mut refused, mut given) = (BTreeSet::new(), 0);
         for [network, station] in &stations {
-            line.ask(&format!("STATION {station} {network}"))?;
-            for [of_network, of_station, location, code] in self.channels.iter().map(|one| &one.parts) {
-                if of_network == network && of_station == station {
-                    line.ask(&format!("SELECT {location}{code}"))?;
+            let name = format!("{network}.{station}");
+            if !line.is_granted(&format!("STATION {station} {network}"))? {
+                refused.insert(name);
+                continue;
+            }
+            let mut selected = 0;
+            for channel in self.channels.iter().filter(|channel| channel.station() == name) {
+                let [_, _, location, code] = &channel.parts;
+                if line.is_granted(&format!("SELECT {location}{code}"))? {
+                    selected += 1;
+                } else {
+                    refused.insert(channel.name());
                 }
             }
-            match self.position.0.get(&format!("{network}.{station}")) {
-                Some(last) => line.ask(&format!("DATA {:06X}", (last + 1) & 0xFF_FFFF))?,
-                None => line.ask("DATA")?,
+            // Without one, everything of the station would come.
+            if selected == 0 {
+                continue;
             }
+            let data = match self.position.0.get(&name) {
+                Some(last) => format!("DATA {:06X}", (last + 1) & 0xFF_FFFF),
+                None => "DATA".to_owned(),
+            };
+            if line.is_granted(&data)? {
+                given += 1;
+            } else {
+                refused.insert(name);
+            }
+        }
+        let names: Vec<String> = refused.iter().cloned().collect();
+        if given == 0 {
+            let why = format!("it refuses {}", names.join(", "));
+            return Err(SeedLinkError::Server { server: self.server.clone(), why });
         }
         line.say("END")?;
         on_ready();
         tell(SeedLinkNews::Connected);
+        let asked = Instant::now();
+        if !names.is_empty() && refused != self.refused {
+            tell(SeedLinkNews::Refused { names });
+        }
+        self.refused = refused;
         let mut packet = [0; HEADER + RECORD];
         let (mut filled, mut heard) = (0, Instant::now());
-        while !stop() {
+        while !stop() && (self.refused.is_empty() || asked.elapsed() < ASK_AGAIN) {
             match stream.read(&mut packet[filled..]) {
                 Ok(0) => return Err(broken(ErrorKind::UnexpectedEof.into())),
                 Ok(count) => (filled, heard) = (filled + count, Instant::now()),
@@ -305,8 +364,7 @@ impl SeedLink {
         };
         let Some(channel) = self.channels.iter().find(|channel| channel.name() == name) else { return Ok(()) };
         let station = channel.station();
-        let day = moment(start_ns / 1000);
-        let path = channel.folder.join(format!("{name}.{}.mseed", day.get(..10).unwrap_or(&day)));
+        let path = channel.folder.join(format!("{name}.{}.mseed", day(start_ns / 1000)));
         let failed = |source| SeedLinkError::File { file: path.clone(), source };
         let file = match self.days.get_mut(&path) {
             Some(day) => day,
@@ -316,6 +374,11 @@ impl SeedLink {
                 let is_other = |file: &PathBuf| {
                     !file.file_name().is_some_and(|other| other.to_string_lossy().starts_with(&before))
                 };
+                for (file, day) in &self.days {
+                    if !is_other(file) {
+                        day.file.sync_data().map_err(|source| SeedLinkError::File { file: file.clone(), source })?;
+                    }
+                }
                 self.days.retain(|file, _| is_other(file));
                 self.days.entry(path.clone()).or_insert(Day::open(&path).map_err(failed)?)
             }
@@ -416,14 +479,17 @@ impl Line<'_> {
         }
     }
 
-    fn ask(&mut self, words: &str) -> Result<(), SeedLinkError> {
+    /// Whether the server says OK to that.
+    fn is_granted(&mut self, words: &str) -> Result<bool, SeedLinkError> {
         self.say(words)?;
-        let said = self.answer()?;
-        let refused = || SeedLinkError::Server {
-            server: self.server.to_owned(),
-            why: format!("it answers `{}` to `{words}`", said.escape_debug()),
-        };
-        if said == "OK" { Ok(()) } else { Err(refused()) }
+        match self.answer()?.as_str() {
+            "OK" => Ok(true),
+            "ERROR" => Ok(false),
+            said => Err(SeedLinkError::Server {
+                server: self.server.to_owned(),
+                why: format!("it answers `{}` to `{words}`", said.escape_debug()),
+            }),
+        }
     }
 }
 
@@ -474,6 +540,7 @@ mod tests {
                     let words: Vec<&str> = line.split(' ').collect();
                     let answer = match words[..] {
                         ["HELLO"] => "SeedLink v3.1\r\nof the tests\r\n",
+                        ["STATION", name, _] if name.starts_with("DAMX") => "ERROR\r\n",
                         ["STATION", name, _] => {
                             name.clone_into(&mut station);
                             "OK\r\n"
@@ -525,27 +592,29 @@ mod tests {
         Study::load(folder).unwrap()
     }
 
+    /// Takes so many records, or what comes within a while; their number, and what was said.
+    fn taken(study: &Study, port: u16, wanted: u64) -> (u64, Vec<SeedLinkNews>) {
+        let mut client = SeedLink::new(study, &format!("127.0.0.1:{port}")).unwrap();
+        let (is_over, mut news) = (AtomicBool::new(false), Vec::new());
+        let start = Instant::now();
+        let count = client.collect(
+            || is_over.load(Ordering::Relaxed) || start.elapsed() > Duration::from_secs(20),
+            |one| {
+                if matches!(one, SeedLinkNews::Records { count } if count >= wanted) {
+                    is_over.store(true, Ordering::Relaxed);
+                }
+                news.push(one);
+            },
+        );
+        (count.unwrap(), news)
+    }
+
     #[test]
     fn records_come_once_each_across_breaks_and_a_setup_reads_them() {
         let folder = tempfile::tempdir().unwrap();
         let study = study(folder.path(), "seis/*.mseed");
         let (port, said) = server(25);
-        let collect = |wanted: u64| {
-            let mut client = SeedLink::new(&study, &format!("127.0.0.1:{port}")).unwrap();
-            let (is_over, mut news) = (AtomicBool::new(false), Vec::new());
-            let start = Instant::now();
-            let count = client.collect(
-                || is_over.load(Ordering::Relaxed) || start.elapsed() > Duration::from_secs(20),
-                |one| {
-                    if matches!(one, SeedLinkNews::Records { count } if count >= wanted) {
-                        is_over.store(true, Ordering::Relaxed);
-                    }
-                    news.push(one);
-                },
-            );
-            (count.unwrap(), news)
-        };
-        let (count, news) = collect(60);
+        let (count, news) = taken(&study, port, 60);
         assert_eq!(count, 60);
         assert!(news.iter().any(|one| matches!(one, SeedLinkNews::Waiting { .. })), "{news:?}");
         let heard = said.lock().unwrap().clone();
@@ -560,7 +629,7 @@ mod tests {
         fs::write(folder.path().join(POSITION_FILE), "{\"CH.DAMA\":19,\"CH.DAMB\":29}").unwrap();
         let cut = File::options().write(true).open(folder.path().join("seis/CH.DAMA.00.HNZ.2027-01-15.mseed")).unwrap();
         cut.set_len(25 * RECORD as u64 + 100).unwrap();
-        let (count, _) = collect(5);
+        let (count, _) = taken(&study, port, 5);
         assert_eq!((count, file("DAMA")), (5, whole("DAMA")));
         // What is no record, or one of another length, is told and left out.
         let mut client = SeedLink::new(&study, &format!("127.0.0.1:{port}")).unwrap();
@@ -576,6 +645,39 @@ mod tests {
         assert_eq!(file("DAMA"), whole("DAMA"));
         let reader = crate::record::matching_files(&study.setups[0], &study.folder).unwrap();
         assert_eq!(reader.len(), 2);
+        // Two of them would write into each other's files.
+        let second = SeedLink::new(&study, "127.0.0.1").err().unwrap();
+        assert!(second.to_string().contains("another `belfry collect` takes records into this study"), "{second}");
+    }
+
+    #[test]
+    fn a_station_that_the_server_does_not_give_is_told_and_stops_no_other() {
+        let folder = tempfile::tempdir().unwrap();
+        study(folder.path(), "seis/*.mseed");
+        let file = folder.path().join("study.toml");
+        let with = |from: &str, to: &str| {
+            let text = fs::read_to_string(&file).unwrap().replace(from, to);
+            fs::write(&file, text).unwrap();
+            Study::load(folder.path()).unwrap()
+        };
+        let (port, _) = server(10);
+        let (count, news) = taken(&with("CH.DAMB", "CH.DAMX"), port, 30);
+        assert_eq!(count, 30);
+        let refused: Vec<_> = news.iter().filter(|one| matches!(one, SeedLinkNews::Refused { .. })).collect();
+        assert_eq!(
+            refused,
+            [&SeedLinkNews::Refused { names: vec!["CH.DAMX".to_owned()] }],
+            "told once for two connections"
+        );
+        let mut client = SeedLink::new(&with("CH.DAMA", "CH.DAMXA"), &format!("127.0.0.1:{port}")).unwrap();
+        let (stop, mut told) = (AtomicBool::new(false), None);
+        let tell = |news| {
+            stop.store(true, Ordering::Relaxed);
+            told.get_or_insert(news);
+        };
+        client.collect(|| stop.load(Ordering::Relaxed), tell).unwrap();
+        let Some(SeedLinkNews::Waiting { reason }) = told else { panic!("{told:?}") };
+        assert!(reason.ends_with("it refuses CH.DAMX, CH.DAMXA"), "{reason}");
     }
 
     #[test]

@@ -23,8 +23,8 @@ use super::nats::NatsServer;
 
 /// Seconds of an hour, which is an interval.
 const HOUR_S: f64 = 3600.0;
-/// Begin of what is simulated, in s of Unix time: a full hour.
-const BEGIN_S: f64 = 1_800_000_000.0;
+/// Begin of what is simulated, in s of Unix time: a full hour, and past.
+const BEGIN_S: f64 = 1_699_999_200.0;
 /// Segments of four minutes: an hour averages 29.
 const ANALYSIS: &str = "band_hz = [0.05, 1.5]\ndecimated_rate_hz = 4.1666666666667\nsegment = 1024";
 

@@ -9,6 +9,8 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use async_nats::jetstream;
+use async_nats::jetstream::ErrorCode;
+use async_nats::jetstream::context::{GetStreamError, GetStreamErrorKind};
 use base64::Engine as _;
 use base64::engine::general_purpose::URL_SAFE_NO_PAD;
 use nkeys::KeyPair;
@@ -16,8 +18,8 @@ use serde_json::{Value, json};
 
 use super::post::Certificate;
 
-/// How long a server may take to start.
-const START: Duration = Duration::from_secs(30);
+/// How long servers may take to start, and to elect one of them.
+const START: Duration = Duration::from_secs(60);
 /// The streams that Belfry makes, with those below its buckets.
 const STREAMS: [&str; 6] =
     ["BELFRY", "BELFRY_RESULTS", "KV_belfry-structures", "KV_belfry-states", "KV_belfry-workers", "OBJ_belfry-studies"];
@@ -49,7 +51,11 @@ async fn is_whole(client: &async_nats::Client, context: &jetstream::Context) -> 
         return false;
     }
     for name in STREAMS {
-        let Ok(stream) = context.get_stream(name).await else { continue };
+        let stream = match context.get_stream(name).await {
+            Ok(stream) => stream,
+            Err(error) if is_unknown(&error) => continue,
+            Err(_) => return false,
+        };
         let cluster = stream.cached_info().cluster.as_ref();
         let is_current = cluster.is_none_or(|cluster| {
             cluster.leader.is_some() && cluster.replicas.iter().all(|peer| peer.current && !peer.offline)
@@ -287,27 +293,60 @@ impl NatsServer {
         })
     }
 
-    /// All messages of a stream, in its order; none where there is no such stream yet.
+    /// Publishes a message of a time in µs of Unix time.
     ///
     /// # Errors
     /// When the server fails.
-    pub fn messages(&self, stream: &str) -> Result<Vec<StoredMessage>, Box<dyn std::error::Error>> {
+    pub fn publish(&self, message: StoredMessage, time_us: i64) -> Result<(), Box<dyn std::error::Error>> {
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
         runtime.block_on(async {
+            let mut headers = async_nats::HeaderMap::new();
+            headers.insert("Nats-Msg-Id", message.id.as_str());
+            headers.insert("Belfry-Time", time_us.to_string().as_str());
             let context = jetstream::new(self.connect().await?);
-            let Ok(stream) = context.get_stream(stream).await else { return Ok(Vec::new()) };
-            let state = stream.cached_info().state.clone();
-            let mut messages = Vec::new();
-            // One that never had any counts from 0.
-            for sequence in state.first_sequence.max(1)..=state.last_sequence {
-                let message = stream.get_raw_message(sequence).await?;
-                let id = message.headers.get("Nats-Msg-Id").map(|id| id.as_str().to_owned()).unwrap_or_default();
-                let payload = message.payload.to_vec();
-                messages.push(StoredMessage { subject: message.subject.to_string(), id, payload });
-            }
-            Ok(messages)
+            context.publish_with_headers(message.subject, headers, message.payload.into()).await?.await?;
+            Ok(())
         })
     }
+
+    /// All messages of a stream, in its order; none where there is no such stream yet. It asks again where servers are busy electing one of them.
+    ///
+    /// # Errors
+    /// When the servers do not answer for a while.
+    pub fn messages(&self, stream: &str) -> Result<Vec<StoredMessage>, Box<dyn std::error::Error>> {
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
+        let start = Instant::now();
+        loop {
+            match runtime.block_on(self.messages_now(stream)) {
+                Err(_) if start.elapsed() < START => thread::sleep(Duration::from_millis(100)),
+                answer => return answer,
+            }
+        }
+    }
+
+    async fn messages_now(&self, stream: &str) -> Result<Vec<StoredMessage>, Box<dyn std::error::Error>> {
+        let context = jetstream::new(self.connect().await?);
+        let stream = match context.get_stream(stream).await {
+            Ok(stream) => stream,
+            Err(error) if is_unknown(&error) => return Ok(Vec::new()),
+            Err(error) => return Err(error.into()),
+        };
+        let state = stream.cached_info().state.clone();
+        let mut messages = Vec::new();
+        // One that never had any counts from 0.
+        for sequence in state.first_sequence.max(1)..=state.last_sequence {
+            let message = stream.get_raw_message(sequence).await?;
+            let id = message.headers.get("Nats-Msg-Id").map(|id| id.as_str().to_owned()).unwrap_or_default();
+            let payload = message.payload.to_vec();
+            messages.push(StoredMessage { subject: message.subject.to_string(), id, payload });
+        }
+        Ok(messages)
+    }
+}
+
+/// Whether the servers say that there is no such stream.
+fn is_unknown(error: &GetStreamError) -> bool {
+    matches!(error.kind(), GetStreamErrorKind::JetStream(said) if said.error_code() == ErrorCode::STREAM_NOT_FOUND)
 }
 
 impl Drop for NatsServer {

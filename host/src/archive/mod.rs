@@ -41,8 +41,8 @@ pub use health::NodeHealth;
 pub use loss::{DamagedHour, ListedLoss};
 pub use packed::{Following, PackedError, PackedWindow};
 pub use prune::{PruneReport, PrunedNode};
-pub(crate) use range::moment;
 pub use range::{TimeRange, parse_moment};
+pub(crate) use range::{day, moment, now_s};
 pub use read::{Collected, CollectedSetup};
 pub use repair::RepairReport;
 

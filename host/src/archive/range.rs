@@ -1,7 +1,7 @@
 //! Ranges of time: which part of what nodes have sent is meant.
 
 use std::fmt;
-use std::time::{Duration, UNIX_EPOCH};
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 /// A range of time among collected windows. A window is in it when its middle is.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -59,6 +59,18 @@ pub(crate) fn moment(us: i64) -> String {
     // Beyond the year 9999 there is no such form.
     let since_epoch = Duration::from_micros(u64::try_from(us).unwrap_or(0)).min(Duration::from_secs(253_402_300_799));
     humantime::format_rfc3339_seconds(UNIX_EPOCH + since_epoch).to_string()
+}
+
+/// The day of a moment in UTC, such as `2027-01-15`.
+pub(crate) fn day(us: i64) -> String {
+    let mut day = moment(us);
+    day.truncate("2027-01-15".len());
+    day
+}
+
+/// The time now, in s of Unix time; a clock that stands before 1970 counts from there.
+pub(crate) fn now_s() -> f64 {
+    SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default().as_secs_f64()
 }
 
 /// Reads a moment in UTC: `2026-11-02`, `2026-11-02 12:30` or `2026-11-02T12:30:00Z`.

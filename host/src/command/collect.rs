@@ -118,6 +118,12 @@ fn seedlink(study: &Study, server: &str, duration: Option<Duration>, console: &C
     let count = client.collect(is_over, |news| match news {
         SeedLinkNews::Waiting { reason } => console.report(format_args!("{reason}. It is tried again.")),
         SeedLinkNews::Connected => console.report("connected"),
+        SeedLinkNews::Refused { names } => {
+            let names = names.join(", ");
+            console.report(format_args!(
+                "the server does not give {names}; it is asked again when the connection is made anew, within an hour"
+            ));
+        }
         SeedLinkNews::LeftOut { sequence } => {
             console.report(format_args!(
                 "packet {sequence:06X} has no record of miniSEED 2 with 512 bytes, and is left out"

@@ -146,7 +146,7 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
         let Delivered { failures, refused } =
             delivered.or_else(|error| passes(error, goes_on, console))?.unwrap_or_default();
         refused.iter().for_each(|error| console.warn(format_args!("{error}; the others have it")));
-        if report.is_err() {
+        if goes_on || report.is_err() {
             failures.iter().for_each(|error| console.warn(format_args!("{error}; it is tried again")));
         }
         // A live archive may have no whole interval yet.
@@ -159,9 +159,7 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
             console.json("watch-1", &report)?;
             is_first = false;
         }
-        if goes_on {
-            failures.iter().for_each(|error| console.warn(format_args!("{error}; it is tried again")));
-        } else if !failures.is_empty() {
+        if !goes_on && !failures.is_empty() {
             let why: Vec<String> = failures.iter().map(ToString::to_string).collect();
             return Err(anyhow!("{}; the next watch tries again", why.join("; ")));
         }
@@ -234,7 +232,7 @@ pub(super) fn sentence(event: &Event, is_live: bool) -> String {
     }
 }
 
-fn node_sentence(event: &NodeEvent) -> String {
+pub(super) fn node_sentence(event: &NodeEvent) -> String {
     let (node, problem) = (format!("node {} of {}", event.node, event.structure), &event.problem);
     match event.event {
         Turned::Begun => format!("ALARM: {node} {}: {}.", problem.problem, problem.says),

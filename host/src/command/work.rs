@@ -10,7 +10,7 @@ use super::identify::interval;
 use super::interrupt::stop_on_signal;
 use super::server::ServerArguments;
 use super::text::in_shell;
-use super::watch::{JudgingArguments, sentence};
+use super::watch::{JudgingArguments, node_sentence, sentence};
 use crate::archive::moment;
 use crate::jetstream::{ToAdd, WorkNews, WorkOptions, add, work};
 use crate::study::Study;
@@ -89,6 +89,9 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
             _ => {}
         }
         console.say(in_words(&news));
+        if let WorkNews::Result { result, .. } = &news {
+            result.node_events.iter().for_each(|event| console.say(node_sentence(event)));
+        }
         if let Err(error) = console.json_line("work-1", &news) {
             unprinted = Err(error);
         }

@@ -33,8 +33,7 @@ impl Bundle {
     pub(super) fn of(study: &Study, reference: Vec<u8>) -> Result<Self, StreamError> {
         let recordings: BTreeSet<PathBuf> =
             study.setups.iter().flat_map(|setup| matching_files(setup, &study.folder).unwrap_or_default()).collect();
-        // Workers send no mail: passwords stay here.
-        // However their paths are written, and through links.
+        // Workers send no mail: passwords stay here, however their paths are written, and through links.
         let real = |path: &Path| path.canonicalize().unwrap_or_else(|_| path.to_owned());
         let secrets: Vec<PathBuf> = study.alarms.secrets().map(|file| real(&study.folder.join(file))).collect();
         let mut paths = Vec::new();

@@ -9,9 +9,9 @@ use std::path::{Path, PathBuf};
 use super::error::StreamError;
 use super::follow::IntervalResult;
 use super::names;
-use super::reading::each;
+use super::reading::{From, each};
 use super::server::Server;
-use crate::archive::moment;
+use crate::archive::day;
 use crate::export::intervals::intervals;
 use crate::watch::DAY_S;
 
@@ -24,13 +24,13 @@ pub(super) struct DayTable {
 }
 
 impl DayTable {
-    /// Makes up for days that have no file, and for the newest, which a killed worker may have left unfinished.
+    /// Makes up for days that have no file, and for those from the newest file on, which a killed worker may have left unfinished.
     pub(super) async fn catch_up(server: &Server, folder: &Path, key: &str) -> Result<Self, StreamError> {
         let folder = folder.join(key);
         fs::create_dir_all(&folder).map_err(|source| StreamError::File { file: folder.clone(), source })?;
+        let newest = newest(&folder).map_err(|source| StreamError::File { file: folder.clone(), source })?;
         let mut table = Self { folder, day: i64::MIN, results: Vec::new() };
-        let mut before: Option<Self> = None;
-        each(&server.results, &names::results(key), 1, false, |message| {
+        each(&server.results, &names::results(key), From::Message(1), false, |message| {
             let Ok(result) = serde_json::from_slice::<IntervalResult>(&message.payload) else {
                 return Ok(ControlFlow::Continue(()));
             };
@@ -38,19 +38,16 @@ impl DayTable {
             if day != table.day {
                 let next = Self { folder: table.folder.clone(), day, results: Vec::new() };
                 let done = mem::replace(&mut table, next);
-                if let Some(earlier) = before.replace(done)
-                    && !earlier.file().exists()
-                {
-                    earlier.write()?;
+                let file = done.file();
+                // As names sort, days do.
+                if !file.exists() || newest.as_ref().is_none_or(|newest| file >= *newest) {
+                    done.write()?;
                 }
             }
             table.results.push(result);
             Ok(ControlFlow::Continue(()))
         })
         .await?;
-        if let Some(before) = before {
-            before.write()?;
-        }
         table.write()?;
         Ok(table)
     }
@@ -66,8 +63,7 @@ impl DayTable {
     }
 
     fn file(&self) -> PathBuf {
-        let begin = moment(self.day.saturating_mul((DAY_S * 1e6) as i64));
-        self.folder.join(format!("{}.parquet", begin.get(..10).unwrap_or(&begin)))
+        self.folder.join(format!("{}.parquet", day(self.day.saturating_mul((DAY_S * 1e6) as i64))))
     }
 
     fn write(&self) -> Result<(), StreamError> {
@@ -78,6 +74,13 @@ impl DayTable {
         let written = intervals(&file, &self.results);
         written.map(drop).map_err(|error| StreamError::File { file, source: std::io::Error::other(error) })
     }
+}
+
+/// The file of the newest day; `None` where there is none.
+fn newest(folder: &Path) -> std::io::Result<Option<PathBuf>> {
+    let files = fs::read_dir(folder)?.map(|entry| entry.map(|entry| entry.path()));
+    let files = files.collect::<std::io::Result<Vec<_>>>()?;
+    Ok(files.into_iter().filter(|file| file.extension().is_some_and(|ending| ending == "parquet")).max())
 }
 
 /// The day in which an interval begins, in days since the Unix epoch.

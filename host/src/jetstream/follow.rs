@@ -19,8 +19,8 @@ use super::day_table::DayTable;
 use super::error::StreamError;
 use super::ledger::{Due, Ledger};
 use super::names::{self, DataKind};
-use super::reading::{Incoming, each};
-use super::server::{Server, id_of, newest};
+use super::reading::{From, Incoming, each};
+use super::server::{Server, entry, id_of, newest};
 use super::structure::{self, Structure};
 use crate::archive::{Archive, PackedWindow, TimeRange};
 use crate::fleet::FleetOptions;
@@ -28,10 +28,10 @@ use crate::heartbeats::HEARTBEATS_FILE;
 use crate::identify::Identification;
 use crate::measure::{Intervals, MeasureError, Route};
 use crate::results::{REFERENCE_FILE, Results};
-use crate::story::{Earlier, Event, Judged, judged, last_seen};
+use crate::story::{Earlier, Event, Judged, NodeEvent, judged, last_seen, node_events, nodes};
 use crate::study::Study;
 use crate::trend::{TrendError, seen};
-use crate::watch::{DAY_S, SeenInterval};
+use crate::watch::{DAY_S, NodeLimits, NodeState, SeenInterval};
 
 /// What an interval shows of a structure: a message of the stream of results.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -53,6 +53,12 @@ pub struct IntervalResult {
     /// The message of the stream from which whoever goes on reads: the first of this interval or of a later one. What is missing of the next is
     /// known from there.
     pub next: u64,
+    /// How nodes are at its end, by what came of each; none in results of before 2026-12.
+    #[serde(default)]
+    pub nodes: Vec<NodeState>,
+    /// What has begun and ended at nodes since the result before.
+    #[serde(default)]
+    pub node_events: Vec<NodeEvent>,
     /// What the reader should know.
     pub warnings: Vec<String>,
 }
@@ -86,6 +92,7 @@ pub(super) struct Followed {
     study: Arc<Study>,
     reference: Arc<Identification>,
     last_hz: Vec<(usize, f64)>,
+    nodes: Vec<NodeState>,
     /// The last interval that has a result, and its place in the stream.
     done: Option<i64>,
     newest: u64,
@@ -102,6 +109,8 @@ struct Material {
     from_us: i64,
     to_us: i64,
     messages: Vec<Incoming>,
+    /// Messages in between whose time was still to come when they came.
+    ahead: usize,
 }
 
 impl Followed {
@@ -121,8 +130,7 @@ impl Followed {
         let last = newest(&server.results, &names::results(key)).await?;
         let read = |last: &StreamMessage| StreamError::read(format!("the newest result of {key}"), &last.payload);
         let result: Option<IntervalResult> = last.as_ref().map(read).transpose()?;
-        let entry = server.states().await?.entry(key).await;
-        let entry = entry.map_err(|error| StreamError::server(format!("the state of {key}"))(error.into()))?;
+        let entry = entry(&server.states().await?, key, "state").await?;
         let read = |entry: &Entry| StreamError::read(format!("the state of {key}"), &entry.value);
         let state: Option<State> = entry.as_ref().map(read).transpose()?;
         Ok(Self {
@@ -130,6 +138,7 @@ impl Followed {
             last_hz: result.as_ref().map_or_else(|| last_seen(&reference, &[]), |result| result.last_hz.clone()),
             done: result.as_ref().map(|result| result.interval),
             next: result.as_ref().map_or(1, |result| result.next),
+            nodes: result.map(|result| result.nodes).unwrap_or_default(),
             newest: last.map_or(0, |last| last.sequence),
             state: state.unwrap_or_default(),
             revision: entry.map_or(0, |entry| entry.revision),
@@ -146,7 +155,7 @@ impl Followed {
     pub(super) async fn catch_up(&self, server: &Server) -> Result<(Ledger, Vec<Due>), StreamError> {
         let mut ledger = Ledger::new(self.structure.every_us(), &self.structure.nodes, self.done);
         let mut due = Vec::new();
-        each(&server.data, &names::data(&self.key), self.next, true, |message| {
+        each(&server.data, &names::data(&self.key), From::Message(self.next), true, |message| {
             if let Some((_, arrived)) = message.arrived() {
                 due.extend(ledger.take(arrived));
             }
@@ -177,9 +186,10 @@ impl Followed {
         let every_us = self.structure.every_us();
         let from_us = due.number.saturating_mul(every_us);
         let to_us = from_us.saturating_add(every_us);
-        let mut material = Material { from_us, to_us, messages: Vec::new() };
-        each(&server.data, &names::data(&self.key), due.from, false, |message| {
+        let mut material = Material { from_us, to_us, messages: Vec::new(), ahead: 0 };
+        each(&server.data, &names::data(&self.key), From::Message(due.from), false, |message| {
             let sequence = message.sequence;
+            material.ahead += usize::from(message.is_ahead && sequence <= due.to);
             if sequence <= due.to && message.time_us.is_some_and(|time_us| (from_us..to_us).contains(&time_us)) {
                 material.messages.push(message);
             }
@@ -187,8 +197,9 @@ impl Followed {
         })
         .await?;
         let (study, reference) = (Arc::clone(&self.study), Arc::clone(&self.reference));
-        let (last_hz, every_s) = (self.last_hz.clone(), self.structure.every_s);
-        let made = blocking(move || measured(&study, &reference, &last_hz, every_s, &material)).await??;
+        let before = Before { last_hz: self.last_hz.clone(), nodes: self.nodes.clone() };
+        let every_s = self.structure.every_s;
+        let made = blocking(move || measured(&study, &reference, &before, every_s, &material)).await??;
         let last_hz = self.last_hz.iter().map(|&(number, before_hz)| {
             let mut modes = made.seen.iter().flat_map(|seen| &seen.modes);
             (number, modes.find(|mode| mode.number == number).map_or(before_hz, |mode| mode.frequency_hz))
@@ -202,6 +213,8 @@ impl Followed {
             last_hz: last_hz.collect(),
             seen: made.seen,
             next: due.next,
+            node_events: node_events(&self.structure.name, &self.nodes, &made.nodes),
+            nodes: made.nodes,
             warnings: made.warnings,
         };
         let payload = encoded(&result)?;
@@ -209,6 +222,7 @@ impl Followed {
         let published = server.publish_behind(self.newest, names::results(&self.key), id, payload).await?;
         self.newest = published.ok_or_else(|| self.overtaken())?;
         self.last_hz.clone_from(&result.last_hz);
+        self.nodes.clone_from(&result.nodes);
         (self.done, self.next) = (Some(due.number), due.next);
         Ok(result)
     }
@@ -220,7 +234,7 @@ impl Followed {
             return Ok(Vec::new());
         };
         let mut intervals: Vec<SeenInterval> = Vec::new();
-        each(&server.results, &names::results(&self.key), 1, false, |message| {
+        each(&server.results, &names::results(&self.key), From::Message(1), false, |message| {
             let result = serde_json::from_slice::<IntervalResult>(&message.payload);
             intervals.extend(result.ok().and_then(|result| result.seen));
             Ok(ControlFlow::Continue(()))
@@ -279,10 +293,17 @@ async fn blocking<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) 
     tokio::task::spawn_blocking(work).await.map_err(|error| StreamError::server("an interval")(error.into()))
 }
 
+/// What the interval before has left.
+struct Before {
+    last_hz: Vec<(usize, f64)>,
+    nodes: Vec<NodeState>,
+}
+
 /// What was made of an interval.
 struct Made {
     windows: usize,
     seen: Option<SeenInterval>,
+    nodes: Vec<NodeState>,
     warnings: Vec<String>,
 }
 
@@ -290,7 +311,7 @@ struct Made {
 fn measured(
     study: &Study,
     reference: &Identification,
-    last_hz: &[(usize, f64)],
+    before: &Before,
     every_s: f64,
     material: &Material,
 ) -> Result<Made, StreamError> {
@@ -312,15 +333,25 @@ fn measured(
             Err(error) => warnings.push(place(error.to_string())),
         }
     }
+    if material.ahead > 0 {
+        let what =
+            "are left out, whose time was more than 15 min ahead of the server's clock: is a gateway's clock wrong?";
+        warnings.push(format!("{} messages {what}", material.ahead));
+    }
     drop(archive);
     let file = folder.path().join(HEARTBEATS_FILE);
     std::fs::write(&file, heartbeats).map_err(|source| StreamError::File { file, source })?;
     let mut study = study.clone();
     study.folder = folder.path().to_owned();
     study.range = TimeRange { from_us: Some(material.from_us), to_us: Some(material.to_us), last: None };
+    let now_s = material.to_us as f64 * 1e-6;
+    let nodes = nodes(&study, &before.nodes, &NodeLimits::default(), now_s).unwrap_or_else(|why| {
+        warnings.push(format!("how nodes are is not known: {why}"));
+        before.nodes.clone()
+    });
     let every = Intervals { every_s, from_s: Some(0.0) };
     let route = Route::Nodes(FleetOptions::default());
-    let seen = match seen(&study, reference, last_hz, every, route, &mut |_, _| {}) {
+    let seen = match seen(&study, reference, &before.last_hz, every, route, &mut |_, _| {}) {
         Ok((seen, told)) => {
             warnings.extend(told);
             seen.into_iter().next()
@@ -333,5 +364,5 @@ fn measured(
             None
         }
     };
-    Ok(Made { windows: names.len(), seen, warnings })
+    Ok(Made { windows: names.len(), seen, nodes, warnings })
 }

@@ -91,7 +91,7 @@ impl Gateway {
             published: Arc::clone(&published),
             news: tell,
             start: Instant::now(),
-            patience: Patience::default(),
+            patience: Patience::with_server(),
         };
         let thread = std::thread::Builder::new().name("gateway".to_owned());
         let thread = thread.spawn(move || runtime.block_on(publisher.run())).map_err(StreamError::System)?;

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::ops::ControlFlow;
+use std::time::Duration;
 
 use serde::Serialize;
 use serde_json::Value;
@@ -10,15 +11,17 @@ use tokio::task::JoinSet;
 use super::error::StreamError;
 use super::follow::{IntervalResult, State};
 use super::names;
-use super::reading::each;
-use super::server::{Address, Server, newest};
+use super::reading::{From, each};
+use super::server::{Address, Server, entry, newest};
 use super::session::{alive, keys};
 use super::structure::{self, Structure};
+use crate::watch::OpenProblem;
 
 /// Structures that are asked for at the same time.
 const AT_ONCE: usize = 32;
-/// Intervals that a structure's page has: two weeks of hours.
-const NEWEST_INTERVALS: usize = 336;
+/// Intervals that a structure's page has: those of the two weeks before its newest, but so many at most.
+const NEWEST_INTERVALS: usize = 1344;
+const NEWEST: Duration = Duration::from_secs(14 * 86_400);
 /// A structure is silent when nothing has come of it for so long, in s: windows are at most 14 minutes apart, heartbeats two.
 const SILENT_AFTER_S: f64 = 1200.0;
 
@@ -56,6 +59,29 @@ pub struct Row {
     pub modes: usize,
     /// Its alarms as `belfry watch` keeps them.
     pub alarms: Vec<Value>,
+    /// What is wrong with its nodes, as words.
+    pub node_problems: BTreeMap<u16, Vec<String>>,
+    /// Why it cannot be read.
+    pub why: Option<String>,
+}
+
+impl Row {
+    fn unreadable(key: String, why: String) -> Self {
+        Self {
+            name: key.clone(),
+            key,
+            place_deg: None,
+            nodes: 0,
+            every_s: 0.0,
+            state: RowState::Unreadable,
+            last_data_s: None,
+            last_result_s: None,
+            modes: 0,
+            alarms: Vec::new(),
+            node_problems: BTreeMap::new(),
+            why: Some(why),
+        }
+    }
 }
 
 /// How a structure stands; the first that is so.
@@ -66,8 +92,12 @@ pub enum RowState {
     Alarm,
     /// Nothing has come of it for a while.
     Silent,
+    /// Something is wrong with a node.
+    NodeTrouble,
     /// It has changed for good.
     Changed,
+    /// What stands on the server of it cannot be read.
+    Unreadable,
     /// It has no result yet.
     Waiting,
     /// There are too few days to judge it.
@@ -116,7 +146,14 @@ impl Reader {
                 && let Some(key) = waiting.next()
             {
                 let server = self.0.clone();
-                asked.spawn(async move { row(&server, &key, now_s).await.map(|found| found.map(|(row, ..)| row)) });
+                asked.spawn(async move {
+                    match row(&server, &key, now_s).await {
+                        Ok(found) => Ok(found.map(|(row, ..)| row)),
+                        // One that something else has written hides none of the others.
+                        Err(StreamError::Odd { what, why }) => Ok(Some(Row::unreadable(key, format!("{what}: {why}")))),
+                        Err(error) => Err(error),
+                    }
+                });
             }
             let Some(found) = asked.join_next().await else { break };
             let found = found.map_err(|error| StreamError::server("a structure")(error.into()))?;
@@ -142,8 +179,13 @@ impl Reader {
             let seen = seen_s(server, &[names::windows(key, node), names::heartbeats(key, node)]).await?;
             nodes_seen_s.insert(node, seen);
         }
-        let mut intervals = std::collections::VecDeque::with_capacity(NEWEST_INTERVALS);
-        each(&server.results, &names::results(key), 1, false, |message| {
+        // After a year there are some MB of them.
+        let last = newest(&server.results, &names::results(key)).await?;
+        let Some(since) = last.map(|last| last.time - NEWEST) else {
+            return Ok(Some(Detail { row, nodes_seen_s, judgement, intervals: Vec::new() }));
+        };
+        let mut intervals = std::collections::VecDeque::new();
+        each(&server.results, &names::results(key), From::Time(since), false, |message| {
             if intervals.len() == NEWEST_INTERVALS {
                 intervals.pop_front();
             }
@@ -160,16 +202,20 @@ async fn row(server: &Server, key: &str, now_s: f64) -> Result<Option<(Row, Stru
     let Some((structure, _)) = structure::read(server, key).await? else { return Ok(None) };
     let last = newest(&server.results, &names::results(key)).await?;
     let last = last.and_then(|last| serde_json::from_slice::<IntervalResult>(&last.payload).ok());
-    let entry = server.states().await?.entry(key).await;
-    let entry = entry.map_err(|error| StreamError::server(format!("the state of {key}"))(error.into()))?;
+    let entry = entry(&server.states().await?, key, "state").await?;
     let judgement = entry.and_then(|entry| serde_json::from_slice::<State>(&entry.value).ok());
     let judgement = judgement.map_or(Value::Null, |mut state| state.watch["judgement"].take());
     let last_data_s = seen_s(server, &[names::data(key)]).await?;
     let alarms = judgement["alarms"].as_array().cloned().unwrap_or_default();
+    let troubled = last.iter().flat_map(|last| &last.nodes).filter(|node| !node.problems.is_empty());
+    let words = |one: &OpenProblem| format!("{}: {}", one.problem, one.says);
+    let node_problems: BTreeMap<u16, Vec<String>> =
+        troubled.map(|node| (node.node, node.problems.iter().map(words).collect())).collect();
     let is_there = |state: &str| alarms.iter().any(|alarm| alarm["state"] == state);
     let state = match (last_data_s, &last) {
         _ if is_there("open") => RowState::Alarm,
         (Some(seen_s), _) if now_s - seen_s > SILENT_AFTER_S => RowState::Silent,
+        _ if !node_problems.is_empty() => RowState::NodeTrouble,
         _ if is_there("lasting") => RowState::Changed,
         (_, None) => RowState::Waiting,
         _ if judgement["standing"] == "unchanged" => RowState::Unchanged,
@@ -186,6 +232,8 @@ async fn row(server: &Server, key: &str, now_s: f64) -> Result<Option<(Row, Stru
         last_result_s: last.as_ref().map(|last| last.end_s),
         modes: last.and_then(|last| last.seen).map_or(0, |seen| seen.modes.len()),
         alarms,
+        node_problems,
+        why: None,
     };
     Ok(Some((row, structure, judgement)))
 }

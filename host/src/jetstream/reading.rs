@@ -3,6 +3,7 @@
 use std::ops::ControlFlow;
 use std::time::Duration;
 
+use async_nats::datetime::DateTime;
 use async_nats::jetstream::Message;
 use async_nats::jetstream::consumer::pull::Config;
 use async_nats::jetstream::consumer::{AckPolicy, Consumer, DeliverPolicy};
@@ -23,14 +24,18 @@ const FORGOTTEN: Duration = Duration::from_secs(30);
 const ANSWER: Duration = Duration::from_secs(5);
 /// How often a reader is made anew that brings nothing.
 const TRIES: usize = 3;
+/// Data cannot be of later than when they came to the server, but for how far clocks are apart, in µs.
+const AHEAD_US: i64 = 900_000_000;
 
 /// A message.
 pub(super) struct Incoming {
     pub(super) subject: String,
     /// Its place in the stream.
     pub(super) sequence: u64,
-    /// The time that it is of, in µs of Unix time, where it says so.
+    /// The time that it is of, in µs of Unix time, where it says so and can be right.
     pub(super) time_us: Option<i64>,
+    /// Whether it says a time that was still to come when it came: the clock of its gateway is ahead.
+    pub(super) is_ahead: bool,
     /// The window that it is, where it says so.
     window: Option<WindowName>,
     pub(super) payload: Bytes,
@@ -48,10 +53,14 @@ impl Incoming {
         if info.consumer_sequence != *count {
             return Err(StreamError::Gone);
         }
+        let time_us: Option<i64> = header(TIME_HEADER).and_then(|time| time.parse().ok());
+        let came_us = info.published.unix_timestamp_nanos() / 1000;
+        let is_ahead = time_us.is_some_and(|time_us| i128::from(time_us) > came_us + i128::from(AHEAD_US));
         Ok(Self {
             subject: message.subject.to_string(),
             sequence: info.stream_sequence,
-            time_us: header(TIME_HEADER).and_then(|time| time.parse().ok()),
+            time_us: time_us.filter(|_| !is_ahead),
+            is_ahead,
             window: header(ID_HEADER).and_then(names::window_of),
             payload: message.payload.clone(),
         })
@@ -64,16 +73,34 @@ impl Incoming {
     }
 }
 
+/// Where reading begins.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum From {
+    /// At this message of the stream, or the first behind it.
+    Message(u64),
+    /// At the first that has come since, by the server's clock.
+    Time(DateTime),
+}
+
+impl From {
+    fn policy(self) -> DeliverPolicy {
+        match self {
+            Self::Message(sequence) => DeliverPolicy::ByStartSequence { start_sequence: sequence.max(1) },
+            Self::Time(start_time) => DeliverPolicy::ByStartTime { start_time },
+        }
+    }
+}
+
 /// A reader of the messages of these subjects from `from` on. It stands on as many servers as the stream does: on one of them alone, it would be gone with
 /// that one, and a cluster takes a minute or two to notice that a server is dead, until when it puts readers there.
 pub(super) async fn reader(
     stream: &Stream,
     subjects: &str,
-    from: u64,
+    from: From,
     headers_only: bool,
 ) -> Result<Consumer<Config>, StreamError> {
     let config = Config {
-        deliver_policy: DeliverPolicy::ByStartSequence { start_sequence: from.max(1) },
+        deliver_policy: from.policy(),
         ack_policy: AckPolicy::None,
         filter_subject: subjects.to_owned(),
         headers_only,
@@ -106,17 +133,21 @@ enum Broken {
 pub(super) async fn each(
     stream: &Stream,
     subjects: &str,
-    from: u64,
+    from: From,
     headers_only: bool,
     mut on_message: impl FnMut(Incoming) -> Result<ControlFlow<()>, StreamError>,
 ) -> Result<(), StreamError> {
     let (mut next, mut failures) = (from, 0);
     loop {
-        let before = next;
-        match read_on(stream, subjects, &mut next, headers_only, &mut on_message).await {
+        let mut came = false;
+        let on_message = |message: Incoming| {
+            came = true;
+            on_message(message)
+        };
+        match read_on(stream, subjects, &mut next, headers_only, on_message).await {
             Ok(()) => return Ok(()),
             Err(Broken::Message(error)) => return Err(error),
-            Err(Broken::Reader(_)) if next > before => failures = 0,
+            Err(Broken::Reader(_)) if came => failures = 0,
             Err(Broken::Reader(_)) if failures < TRIES => failures += 1,
             Err(Broken::Reader(error)) => return Err(error),
         }
@@ -127,9 +158,9 @@ pub(super) async fn each(
 async fn read_on(
     stream: &Stream,
     subjects: &str,
-    next: &mut u64,
+    next: &mut From,
     headers_only: bool,
-    on_message: &mut impl FnMut(Incoming) -> Result<ControlFlow<()>, StreamError>,
+    mut on_message: impl FnMut(Incoming) -> Result<ControlFlow<()>, StreamError>,
 ) -> Result<(), Broken> {
     let reader = reader(stream, subjects, *next, headers_only).await.map_err(Broken::Reader)?;
     let failed = |error: Box<dyn std::error::Error + Send + Sync>| {
@@ -147,7 +178,7 @@ async fn read_on(
             let message = message.map_err(failed)?;
             behind = message.info().map_err(failed)?.pending as usize;
             let message = Incoming::behind(&mut count, &message).map_err(Broken::Reader)?;
-            *next = message.sequence + 1;
+            *next = From::Message(message.sequence + 1);
             if on_message(message).map_err(Broken::Message)?.is_break() {
                 break 'all;
             }

@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use async_nats::jetstream::context::{PublishError, PublishErrorKind};
-use async_nats::jetstream::kv::Store;
+use async_nats::jetstream::kv::{Entry, Store};
 use async_nats::jetstream::message::StreamMessage;
 use async_nats::jetstream::object_store::{Config as ObjectsConfig, ObjectStore};
 use async_nats::jetstream::stream::{
@@ -231,6 +231,12 @@ pub(super) async fn newest(stream: &Stream, subject: &str) -> Result<Option<Stre
         Err(error) if matches!(error.kind(), LastRawMessageErrorKind::NoMessageFound) => Ok(None),
         Err(error) => Err(StreamError::server(format!("the newest of {subject}"))(error.into())),
     }
+}
+
+/// An entry of a bucket with the revision that it has; `what` says what it is of its key.
+pub(super) async fn entry(store: &Store, key: &str, what: &str) -> Result<Option<Entry>, StreamError> {
+    let entry = store.entry(key).await;
+    entry.map_err(|error| StreamError::server(format!("the {what} of {key}"))(error.into()))
 }
 
 /// What makes a message one that the stream has already.

@@ -19,8 +19,8 @@ use super::error::StreamError;
 use super::follow::{Followed, IntervalResult};
 use super::ledger::{Arrived, Due, Ledger};
 use super::names;
-use super::reading::{Incoming, reader};
-use super::server::{ALIVE, Address, Server};
+use super::reading::{From, Incoming, reader};
+use super::server::{ALIVE, Address, Server, entry};
 use super::share::is_own;
 use super::worker::WorkNews;
 use crate::story::Event;
@@ -79,7 +79,7 @@ pub(super) async fn session(
     let server = Server::connect(address).await?;
     let (structures, workers) = (server.structures().await?, server.workers().await?);
     let data = &server.data;
-    let mut live = reader(data, names::ALL_DATA, data.cached_info().state.last_sequence + 1, true)
+    let mut live = reader(data, names::ALL_DATA, From::Message(data.cached_info().state.last_sequence + 1), true)
         .await?
         .stream()
         .heartbeat(HEARTBEAT)
@@ -198,9 +198,7 @@ impl Share<'_> {
             if newest == self.looked_at && self.held.contains_key(key) {
                 continue;
             }
-            let entry = structures.entry(key).await;
-            let entry = entry.map_err(|error| StreamError::server(format!("the entry of {key}"))(error.into()))?;
-            let Some(revision) = entry.map(|entry| entry.revision) else { continue };
+            let Some(revision) = entry(structures, key, "entry").await?.map(|entry| entry.revision) else { continue };
             if self.held.get(key).is_none_or(|held| held.revision != revision) {
                 self.held.insert(key.clone(), Held { revision, own: Some(Own::Taking(Vec::new())) });
                 self.send(key, Job::Take(key.clone(), revision));

@@ -10,8 +10,8 @@ use serde::{Deserialize, Serialize};
 use super::bundle::Bundle;
 use super::error::StreamError;
 use super::names;
-use super::reading::each;
-use super::server::{Address, Server};
+use super::reading::{From, each};
+use super::server::{Address, Server, entry};
 use crate::identify::Identification;
 use crate::results::{MODES_FILE, REFERENCE_FILE, Results};
 use crate::study::Study;
@@ -131,8 +131,7 @@ pub(super) fn nodes_of(study: &Study) -> Vec<u16> {
 
 /// A structure, and the revision of its entry; `None` where it was not added.
 pub(super) async fn read(server: &Server, key: &str) -> Result<Option<(Structure, u64)>, StreamError> {
-    let entry = server.structures().await?.entry(key).await;
-    let entry = entry.map_err(|error| StreamError::server(format!("the entry of {key}"))(error.into()))?;
+    let entry = entry(&server.structures().await?, key, "entry").await?;
     let Some(entry) = entry.filter(|entry| !entry.value.is_empty()) else { return Ok(None) };
     Ok(Some((StreamError::read(format!("the entry of {key}"), &entry.value)?, entry.revision)))
 }
@@ -145,7 +144,7 @@ pub(super) async fn study_of(server: &Server, key: &str) -> Result<Bundle, Strea
     // Not by `get`, which reads by a consumer on one server: it may be a dead one.
     let (stream, chunks) = server.chunks(&info.nuid).await?;
     let mut bytes = Vec::new();
-    each(&stream, &chunks, 1, false, |chunk| {
+    each(&stream, &chunks, From::Message(1), false, |chunk| {
         bytes.extend_from_slice(&chunk.payload);
         Ok(ControlFlow::Continue(()))
     })

@@ -90,7 +90,7 @@ pub fn work(
     getrandom::fill(&mut random).map_err(|error| StreamError::System(error.into()))?;
     let me = format!("{:016x}", u64::from_ne_bytes(random));
     let tables = options.parquet.clone().map(Arc::new);
-    let (start, mut patience) = (Instant::now(), Patience::default());
+    let (start, mut patience) = (Instant::now(), Patience::with_server());
     let outcome = runtime.block_on(async {
         while !stop.load(Ordering::Relaxed) {
             let on_ready = |patience: &mut Patience| patience.worked(start.elapsed());

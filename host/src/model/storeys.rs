@@ -28,7 +28,7 @@ pub struct Storeys {
 
 impl Storeys {
     /// Of motion along X (0) or Y (1); `None` where floors do not hold each other by shear alone, or their heights are not known.
-    pub(super) fn along(direction: usize, assembly: &Assembly) -> Option<Self> {
+    fn along(direction: usize, assembly: &Assembly) -> Option<Self> {
         let nodes = assembly.node_rows();
         // Floors that turn about X or Y have more than shear between them.
         if assembly.is_in_other_coordinates() || nodes.iter().any(|rows| rows[2].is_some() || rows[3].is_some()) {
@@ -60,8 +60,12 @@ impl Storeys {
     /// Of a structure as it is given, along X and Y: what effects make of it may be none.
     pub(super) fn of(structure: &Structure) -> [Option<Self>; 2] {
         let Body::Matrices(matrices) = &structure.body else { return [None, None] };
-        let assembly = Assembly::of_matrices(matrices);
-        [0, 1].map(|direction| Self::along(direction, &assembly))
+        Self::within(&Assembly::of_matrices(matrices))
+    }
+
+    /// Along X and Y.
+    pub(super) fn within(assembly: &Assembly) -> [Option<Self>; 2] {
+        [0, 1].map(|direction| Self::along(direction, assembly))
     }
 
     /// Sway of a cantilever of EI = 1 at one floor by a unit force at another.

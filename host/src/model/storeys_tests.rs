@@ -58,29 +58,39 @@ fn are_equal(one: &DMatrix<f64>, other: &DMatrix<f64>, to: f64) -> bool {
     (one - other).amax() <= to * other.amax()
 }
 
-/// Sway at a height of a cantilever by a unit force at another, in m/N, integrated in steps of a millimetre.
-fn integrated(at_m: f64, force_m: f64) -> f64 {
-    let bending_n_m2 = 6e10;
-    let step_m = 1e-3;
-    let steps = (at_m.min(force_m) / step_m).round() as usize;
-    let curvature = |k: usize| (k as f64 + 0.5) * step_m;
-    (0..steps).map(curvature).map(|s| (at_m - s) * (force_m - s) * step_m).sum::<f64>() / bending_n_m2
+/// The height of a floor in m.
+fn height_m(floor: usize) -> f64 {
+    3.0 * (floor + 1) as f64
 }
 
-/// A frame whose columns get longer and shorter: sway by storeys and by a cantilever. Storey
-/// stiffnesses taken from its sway under code loads have both; told the share of bending, the model is the frame.
+/// Sways of a cantilever of so many floors by a unit force at each, in m/N, integrated in steps of a millimetre.
+fn cantilever(floors: usize) -> DMatrix<f64> {
+    let bending_n_m2 = 6e10;
+    let step_m = 1e-3;
+    let sway = |at_m: f64, force_m: f64| {
+        let steps = (at_m.min(force_m) / step_m).round() as usize;
+        let curvature = |k: usize| (k as f64 + 0.5) * step_m;
+        (0..steps).map(curvature).map(|s| (at_m - s) * (force_m - s) * step_m).sum::<f64>() / bending_n_m2
+    };
+    DMatrix::from_fn(floors, floors, |at, force| sway(height_m(at), height_m(force)))
+}
+
+/// Loads in proportion to mass and height.
+fn loads(masses_kg: &[f64]) -> DVector<f64> {
+    DVector::from_fn(masses_kg.len(), |floor, _| masses_kg[floor] * height_m(floor))
+}
+
+/// A frame whose columns get longer and shorter: sway by storeys and by a cantilever. Storey stiffnesses taken from its sway under code loads
+/// have both; told the share of bending, the model is the frame.
 #[test]
 fn what_was_merged_is_taken_apart() {
     let count = MASSES_KG.len();
-    let height = |floor: usize| 3.0 * (floor + 1) as f64;
-    let bent = integrated;
+    let bent = cantilever(count);
     let sheared = |at: usize, force: usize| (0..=at.min(force)).map(|storey| 1.0 / SHEARS_N_M[storey]).sum::<f64>();
-    let flexibility = DMatrix::from_fn(count, count, |at, force| sheared(at, force) + bent(height(at), height(force)));
-    let loads = DVector::from_fn(count, |floor, _| MASSES_KG[floor] * height(floor));
+    let flexibility = DMatrix::from_fn(count, count, sheared) + &bent;
+    let loads = loads(&MASSES_KG);
     let sway = &flexibility * &loads;
-    let bends = DVector::from_fn(count, |at, _| {
-        (0..count).map(|force| bent(height(at), height(force)) * loads[force]).sum::<f64>()
-    });
+    let bends = bent * &loads;
     let merged: Vec<f64> = (0..count)
         .map(|floor| {
             loads.rows(floor, count - floor).sum() / (sway[floor] - if floor > 0 { sway[floor - 1] } else { 0.0 })
@@ -108,8 +118,8 @@ fn what_was_left_out_is_added() {
     let count = MASSES_KG.len();
     let line = frame(&SHEARS_N_M, &MASSES_KG, 1);
     let sheared = line.assemble().stiffness.try_inverse().unwrap();
-    let bent = DMatrix::from_fn(count, count, |at, force| integrated(3.0 * (at + 1) as f64, 3.0 * (force + 1) as f64));
-    let loads = DVector::from_fn(count, |floor, _| MASSES_KG[floor] * 3.0 * (floor + 1) as f64);
+    let bent = cantilever(count);
+    let loads = loads(&MASSES_KG);
     let top = |flexibility: &DMatrix<f64>| (flexibility * &loads)[count - 1];
     let ratio = top(&bent) / top(&sheared);
     let word = format!("chord-drift={ratio}");
@@ -148,8 +158,8 @@ fn a_floor_without_mass_bends_along() {
     let topped = frame(&stiffness, &masses, 1);
     let count = masses.len();
     let sheared = topped.assemble().stiffness.try_inverse().unwrap();
-    let bent = DMatrix::from_fn(count, count, |at, force| integrated(3.0 * (at + 1) as f64, 3.0 * (force + 1) as f64));
-    let loads = DVector::from_fn(count, |floor, _| masses[floor] * 3.0 * (floor + 1) as f64);
+    let bent = cantilever(count);
+    let loads = loads(&masses);
     let top = |flexibility: &DMatrix<f64>| (flexibility * &loads)[count - 1];
     let expected = (&sheared + &bent * (0.2 * top(&sheared) / top(&bent))).try_inverse().unwrap();
     assert!(are_equal(&with(&topped, "chord-drift=0.2"), &expected, 1e-6));
@@ -181,13 +191,12 @@ fn each_direction_bends_by_itself() {
 fn a_base_that_gives_adds_its_flexibility() {
     let line = frame(&SHEARS_N_M, &MASSES_KG, 1);
     let clamped = line.assemble().stiffness.try_inverse().unwrap();
-    let height = |floor: usize| 3.0 * (floor + 1) as f64;
     for (word, by) in [("base-rotation=3e-11", 3e-11), ("base-translation=5e-9", 0.0)] {
         let found = with(&line, word).try_inverse().unwrap();
         let more =
             if by > 0.0 { |by: f64, at: f64, force: f64| by * at * force } else { |_: f64, _: f64, _: f64| 5e-9 };
         let expected = DMatrix::from_fn(clamped.nrows(), clamped.ncols(), |at, force| {
-            clamped[(at, force)] + more(by, height(at), height(force))
+            clamped[(at, force)] + more(by, height_m(at), height_m(force))
         });
         assert!(are_equal(&found, &expected, 1e-9), "{word}");
     }
@@ -197,7 +206,7 @@ fn a_base_that_gives_adds_its_flexibility() {
     let force = DVector::from_fn(assembly.dofs(), |row, _| if row + 1 == assembly.dofs() { 1e5 } else { 0.0 });
     let sway = assembly.stiffness.clone().cholesky().unwrap().solve(&force);
     let at_ground = assembly.axis_motion(0.0) * &sway;
-    assert!((at_ground[3] / (3e-11 * 1e5 * height(5)) - 1.0).abs() < 1e-9, "{at_ground}");
+    assert!((at_ground[3] / (3e-11 * 1e5 * height_m(5)) - 1.0).abs() < 1e-9, "{at_ground}");
     assert!(at_ground[0].abs() < 1e-12);
     let slides: Effect = "base-translation=5e-9".parse().unwrap();
     let assembly = line.and(&[slides]).unwrap().assemble();

@@ -248,7 +248,7 @@ impl Structure {
         }
         let factors = self.factors();
         if self.reshapes() {
-            let storeys = [0, 1].map(|direction| Storeys::along(direction, &assembly));
+            let storeys = Storeys::within(&assembly);
             for contribution in &self.contributions {
                 contribution.reshape(&storeys, &mut assembly, &factors);
             }

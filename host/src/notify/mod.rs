@@ -1,14 +1,15 @@
 //! Who hears of a watch's events besides `alarms.jsonl`: a command of the user's, an e-mail, a broker.
 //!
 //! The file is the queue. `watch_told.json` counts the lines that each destination has received, so what cannot be sent is sent later, in order, by
-//! this watch or the next; a destination that fails holds up no other. One that fails between taking an event and saying so gets it twice: an e-mail
-//! then has the same Message-ID.
+//! this watch or the next; a destination that fails holds up no other, and an event that a destination fails at holds up none behind it. Of two watches
+//! of one study, one sends at a time. One that is killed between sending an event and noting it sends it again: an e-mail then has the same Message-ID.
 
 mod command;
 mod email;
 mod mqtt;
 mod tls;
 
+use std::collections::BTreeSet;
 use std::io;
 use std::path::PathBuf;
 
@@ -17,9 +18,13 @@ use thiserror::Error;
 
 pub use command::Hook;
 
+use crate::files::{FolderLock, open_lock};
 use crate::results::{ALARMS_FILE, Results, ResultsError, TOLD_FILE};
 use crate::story::WatchEvent;
 use crate::study::Study;
+
+/// Locked by who sends.
+const LOCK_FILE: &str = "watch_told.lock";
 
 /// An event as it is sent.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -85,12 +90,33 @@ pub struct Delivered {
 }
 
 /// Lines of `alarms.jsonl` that each destination has got; `None` of one that there was not yet.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default)]
 struct Told {
     command: Option<usize>,
     email: Option<usize>,
     mqtt: Option<usize>,
+    /// Lines before those that each destination has failed at.
+    missed: Missed,
+}
+
+/// Lines that a destination has failed at, although it took a later one.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default)]
+struct Missed {
+    command: BTreeSet<usize>,
+    email: BTreeSet<usize>,
+    mqtt: BTreeSet<usize>,
+}
+
+impl Told {
+    /// The first line that anyone waits for.
+    fn first_waiting(&self) -> Option<usize> {
+        let Missed { command, email, mqtt } = &self.missed;
+        let missed = [command, email, mqtt].into_iter().filter_map(BTreeSet::first).copied();
+        let next = [self.command, self.email, self.mqtt].into_iter().flatten().map(|done| done + 1);
+        missed.chain(next).min()
+    }
 }
 
 /// All destinations of a study.
@@ -120,27 +146,33 @@ impl<'a> Notifier<'a> {
             command: if self.hook.is_some() { now(before.command, true) } else { before.command },
             email: now(before.email, self.study.alarms.email.is_some()),
             mqtt: now(before.mqtt, self.study.alarms.mqtt.is_some()),
+            missed: before.missed.clone(),
         };
         if before != after {
             results.make_ready()?;
         }
-        write(&results, before, after)
+        write(&results, &before, &after)
     }
 
-    /// Gives every destination the events that it has not got yet.
+    /// Gives every destination the events that it has not got yet. It waits for another watch that does so.
     ///
     /// # Errors
     /// When the files of results cannot be read or written.
     pub fn deliver(&self, words: impl Fn(&WatchEvent) -> String) -> Result<Delivered, ResultsError> {
         let results = Results::of(self.study);
+        if told(&results)?.first_waiting().is_none() {
+            return Ok(Delivered::default());
+        }
+        let lock = results.path(LOCK_FILE);
+        let locked = open_lock(&lock).and_then(|file| FolderLock::on(file, || {}));
+        let _lock = locked.map_err(|source| ResultsError::Write { file: lock, source })?;
         let before = told(&results)?;
-        let destinations = [before.command, before.email, before.mqtt];
-        let Some(first) = destinations.into_iter().flatten().min() else { return Ok(Delivered::default()) };
+        let Some(first) = before.first_waiting() else { return Ok(Delivered::default()) };
         let lines = results.lines::<WatchEvent>(ALARMS_FILE)?;
         let notices: Vec<(usize, Notice)> = lines
             .objects
             .iter()
-            .filter(|(line, _)| *line > first)
+            .filter(|(line, _)| *line >= first)
             .filter_map(|(line, event)| {
                 let json = serde_json::to_string(event).ok()?;
                 Some((*line, Notice { words: words(event), json }))
@@ -150,14 +182,16 @@ impl<'a> Notifier<'a> {
         let mut queue = Queue { results: &results, notices, told: before, delivered: Delivered::default() };
         if let Some(email) = &self.study.alarms.email {
             let send = |notice: &Notice| email::send(email, folder, &self.study.structure.name, notice);
-            queue.give(|told| &mut told.email, send)?;
+            queue.give(|told| (&mut told.email, &mut told.missed.email), send)?;
         }
         if let Some(mqtt) = &self.study.alarms.mqtt {
-            queue.give(|told| &mut told.mqtt, |notice| mqtt::publish(mqtt, folder, notice).map(|()| Vec::new()))?;
+            let send = |notice: &Notice| mqtt::publish(mqtt, folder, notice).map(|()| Vec::new());
+            queue.give(|told| (&mut told.mqtt, &mut told.missed.mqtt), send)?;
         }
         // Last: it may take its time.
         if let Some(hook) = self.hook {
-            queue.give(|told| &mut told.command, |notice| hook.run(notice).map(|()| Vec::new()))?;
+            let send = |notice: &Notice| hook.run(notice).map(|()| Vec::new());
+            queue.give(|told| (&mut told.command, &mut told.missed.command), send)?;
         }
         Ok(queue.delivered)
     }
@@ -173,27 +207,41 @@ struct Queue<'a> {
 }
 
 impl Queue<'_> {
-    /// Gives a destination its events, in order, until one fails; each is noted when it has been taken. `send` says who refused it.
+    /// Gives a destination its events, in order, and then those that it has failed at before; each is noted when it has been taken. `send` says who
+    /// refused it. An event that it fails at is tried again the next time. Where it takes the one behind it, others go on; where it fails at
+    /// that as well, nothing is to be expected of it now.
     fn give(
         &mut self,
-        of: fn(&mut Told) -> &mut Option<usize>,
+        of: fn(&mut Told) -> (&mut Option<usize>, &mut BTreeSet<usize>),
         send: impl Fn(&Notice) -> Result<Vec<NotifyError>, NotifyError>,
     ) -> Result<(), ResultsError> {
-        for (line, notice) in &self.notices {
-            if of(&mut self.told).is_none_or(|done| *line <= done) {
-                continue;
-            }
+        let (done, missed) = of(&mut self.told);
+        let (Some(done), missed) = (*done, missed.clone()) else { return Ok(()) };
+        let new = self.notices.iter().filter(|(line, _)| *line > done);
+        let again = self.notices.iter().filter(|(line, _)| missed.contains(line));
+        let (mut failed, mut failures) = (None, Vec::new());
+        for (line, notice) in new.chain(again) {
             match send(notice) {
                 Ok(refused) => self.delivered.refused.extend(refused),
                 Err(error) => {
-                    self.delivered.failures.push(error);
-                    break;
+                    failures.push(error);
+                    if *line > done && failed.replace(*line).is_some() {
+                        break;
+                    }
+                    continue;
                 }
             }
-            let before = self.told;
-            *of(&mut self.told) = Some(*line);
-            write(self.results, before, self.told)?;
+            let before = self.told.clone();
+            let (done, missed) = of(&mut self.told);
+            missed.remove(line);
+            if done.is_some_and(|done| *line > done) {
+                *done = Some(*line);
+                missed.extend(failed.take());
+            }
+            write(self.results, &before, &self.told)?;
         }
+        // One of them says what is wrong with the destination.
+        self.delivered.failures.extend(failures.into_iter().next());
         Ok(())
     }
 }
@@ -202,8 +250,8 @@ fn told(results: &Results) -> Result<Told, ResultsError> {
     Ok(results.read_json(TOLD_FILE, "watch")?.unwrap_or_default())
 }
 
-fn write(results: &Results, before: Told, after: Told) -> Result<(), ResultsError> {
-    if before == after { Ok(()) } else { results.write_json_short(TOLD_FILE, &after).map(drop) }
+fn write(results: &Results, before: &Told, after: &Told) -> Result<(), ResultsError> {
+    if before == after { Ok(()) } else { results.write_json_short(TOLD_FILE, after).map(drop) }
 }
 
 /// The password in a file: its first line.
@@ -212,4 +260,55 @@ fn password(file: PathBuf) -> Result<String, NotifyError> {
     let text = std::fs::read_to_string(&file).map_err(|error| wrong(error.to_string()))?;
     let line = text.lines().next().filter(|line| !line.is_empty());
     line.map(str::to_owned).ok_or_else(|| wrong("its first line is to be the password".to_owned()))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::cell::RefCell;
+
+    use super::*;
+    use crate::study::template;
+
+    #[test]
+    fn an_event_that_a_destination_fails_at_holds_up_none_behind_it_and_is_tried_again() {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::write(folder.path().join("study.toml"), template::CANTON_STUDY).unwrap();
+        let results = Results::of(&Study::load(folder.path()).unwrap());
+        results.make_ready().unwrap();
+        let got = RefCell::new(Vec::new());
+        // What it takes and what it fails at; what it says of failures, and what is left.
+        let give = |from: usize, to: usize, fails: &[&str]| {
+            let notice = |line: usize| (line, Notice { words: line.to_string(), json: String::new() });
+            let mut queue = Queue {
+                results: &results,
+                notices: (from..=to).map(notice).collect(),
+                told: told(&results).unwrap(),
+                delivered: Delivered::default(),
+            };
+            let send = |notice: &Notice| {
+                if fails.contains(&notice.words.as_str()) {
+                    return Err(NotifyError::Command { command: "hook".to_owned(), why: notice.words.clone() });
+                }
+                got.borrow_mut().push(notice.words.clone());
+                Ok(Vec::new())
+            };
+            queue.give(|told| (&mut told.command, &mut told.missed.command), send).unwrap();
+            let left = told(&results).unwrap();
+            (queue.delivered.failures.len(), left.command, left.missed.command.into_iter().collect::<Vec<_>>())
+        };
+        write(&results, &Told::default(), &Told { command: Some(0), ..Told::default() }).unwrap();
+        // It fails at the second.
+        assert_eq!(give(1, 4, &["2"]), (1, Some(4), vec![2]));
+        assert_eq!(got.take(), ["1", "3", "4"]);
+        // It still does, and takes what is new.
+        assert_eq!(give(2, 5, &["2"]), (1, Some(5), vec![2]));
+        assert_eq!(got.take(), ["5"]);
+        // It is away: nothing is lost, and it is not tried at every event.
+        assert_eq!(give(2, 9, &["2", "6", "7", "8", "9"]), (1, Some(5), vec![2]));
+        assert!(got.take().is_empty());
+        assert_eq!(told(&results).unwrap().first_waiting(), Some(2));
+        assert_eq!(give(2, 9, &[]), (0, Some(9), vec![]));
+        assert_eq!(got.take(), ["6", "7", "8", "9", "2"]);
+        assert_eq!(told(&results).unwrap().first_waiting(), Some(10));
+    }
 }

@@ -2,7 +2,7 @@
 //! again every few seconds. It changes nothing.
 
 use std::sync::Arc;
-use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+use std::time::{Duration, Instant};
 
 use axum::extract::{Query, State};
 use axum::http::header::CONTENT_TYPE;
@@ -12,12 +12,13 @@ use axum::routing::get;
 use axum::{Json, Router, middleware};
 use serde::Deserialize;
 use serde_json::{Value, json};
-use tokio::sync::watch;
+use tokio::sync::{Mutex, watch};
 
 use super::gate::Gate;
 use super::guard::guard;
 use super::routes::{Refused, asset, page_of};
 use super::{ServeError, listen, runtime};
+use crate::archive::now_s;
 use crate::jetstream::{Address, Detail, FleetReader, StreamError};
 use crate::page::served_fleet;
 
@@ -29,6 +30,8 @@ const BETWEEN_LOOKS: u32 = 9;
 /// What the requests share.
 struct Fleet {
     address: Address,
+    /// A connection for pages of structures; none before the first, or where it has failed.
+    reader: Mutex<Option<FleetReader>>,
     /// The overview, or why there is none.
     seen: watch::Receiver<Arc<Value>>,
 }
@@ -49,7 +52,7 @@ pub fn serve_fleet(
         on_ready(&gate.opening_address());
         let (tell, seen) = watch::channel(Arc::new(json!({ "error": "connecting" })));
         let looking = tokio::spawn(look(address.clone(), tell));
-        let fleet = Arc::new(Fleet { address: address.clone(), seen });
+        let fleet = Arc::new(Fleet { address: address.clone(), reader: Mutex::default(), seen });
         let served = tokio::select! {
             served = axum::serve(listener, router(fleet, gate)) => served,
             () = stop => Ok(()),
@@ -117,12 +120,14 @@ struct Asked {
 
 async fn structure(State(fleet): State<Arc<Fleet>>, Query(asked): Query<Asked>) -> Result<Json<Detail>, Refused> {
     let failed = |error: StreamError| Refused::new(StatusCode::BAD_GATEWAY, error.to_string());
-    let reader = FleetReader::connect(&fleet.address).await.map_err(failed)?;
-    let detail = reader.detail(&asked.key, now_s()).await.map_err(failed)?;
+    let kept = fleet.reader.lock().await.clone();
+    let reader = match kept {
+        Some(reader) => reader,
+        None => FleetReader::connect(&fleet.address).await.map_err(failed)?,
+    };
+    let detail = reader.detail(&asked.key, now_s()).await;
+    *fleet.reader.lock().await = detail.is_ok().then_some(reader);
+    let detail = detail.map_err(failed)?;
     let unknown = || Refused::new(StatusCode::NOT_FOUND, format!("the fleet has no structure \"{}\"", asked.key));
     detail.map(Json).ok_or_else(unknown)
-}
-
-fn now_s() -> f64 {
-    SystemTime::now().duration_since(UNIX_EPOCH).map_or(0.0, |time| time.as_secs_f64())
 }

@@ -18,7 +18,7 @@ use std::net::{Ipv4Addr, SocketAddr};
 use std::sync::Arc;
 use std::time::Duration;
 
-use axum::serve::ListenerExt;
+use axum::serve::{Listener, ListenerExt};
 use thiserror::Error;
 use tokio::net::TcpListener;
 use tokio::runtime::Runtime;
@@ -72,10 +72,6 @@ pub fn serve(
             // Streams of events would wait for ever.
             ended.end();
         };
-        // The last part of an answer would wait 40 ms for the browser to acknowledge the others.
-        let listener = listener.tap_io(|stream| {
-            let _ = stream.set_nodelay(true);
-        });
         let serving = axum::serve(listener, routes::router(Arc::clone(&shared), gate)).with_graceful_shutdown(stopped);
         // Whoever has sent half a request may never send the rest.
         let late = async {
@@ -101,9 +97,13 @@ fn runtime() -> Result<Runtime, ServeError> {
 }
 
 /// Listens on a port of this machine, or on a free one for 0; what lets windows in there.
-async fn listen(port: u16) -> Result<(TcpListener, Arc<Gate>), ServeError> {
+async fn listen(port: u16) -> Result<(impl Listener<Addr = SocketAddr>, Arc<Gate>), ServeError> {
     let failed = |source| ServeError::Listen { port, source };
     let listener = TcpListener::bind(SocketAddr::from((Ipv4Addr::LOCALHOST, port))).await.map_err(failed)?;
     let port = listener.local_addr().map_err(failed)?.port();
+    // The last part of an answer would wait 40 ms for the browser to acknowledge the others.
+    let listener = listener.tap_io(|stream| {
+        let _ = stream.set_nodelay(true);
+    });
     Ok((listener, Arc::new(Gate::new(port))))
 }

@@ -87,13 +87,14 @@ pub use inputs::Inputs;
 pub use left_out::MOST_NOISE_GAIN;
 pub use looked::{LookReport, ShapesLook, Suspect, look_at_files};
 pub use motion::Stretch;
+pub(crate) use nodes::nodes;
 pub use planned::{PlanRequest, planned};
 pub use project::{Compared, IdentifyRequest, Project, WrittenReport};
 pub use shapes::BySource;
 pub(crate) use shapes::turned_by_update;
 pub use since::{SinceReport, SinceRequest};
 pub use updated::{BeforeAfter, OtherMode, PairState, PsiExplained, Update, UpdateReport, UpdatedPair, update};
-pub(crate) use watched::{Earlier, Judged, judged, last_seen};
+pub(crate) use watched::{Earlier, Judged, judged, last_seen, node_events};
 pub use watched::{
     Event, EventKind, NodeEvent, NodesReport, Turned, WatchEvent, WatchReport, WatchRequest, WatchedMode,
 };

@@ -10,7 +10,7 @@ use crate::window::channels_by_node;
 
 /// The state of each node at `now_s`, which was as `before` says; a sentence where the archive or the heartbeats cannot be read. A study of recordings
 /// has no nodes.
-pub(super) fn nodes(
+pub(crate) fn nodes(
     study: &Study,
     before: &[NodeState],
     limits: &NodeLimits,

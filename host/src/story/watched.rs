@@ -4,14 +4,14 @@
 //! goes on where it stopped, and whoever starts it anew gets the same.
 
 use std::path::Path;
-use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 
 use super::cause::{Cause, cause};
 use super::error::StoryError;
 use super::nodes::nodes;
-use crate::archive::TimeRange;
+use crate::archive::{TimeRange, now_s};
 use crate::identify::Identification;
 use crate::measure::{Intervals, Route};
 use crate::progress::{OnProgress, rows_of};
@@ -174,27 +174,31 @@ struct EarlierJudgement {
 /// Looks how nodes are, whatever can be measured, and notes what has begun and ended.
 pub(super) fn watch_nodes(study: &Study, results: &Results, limits: &NodeLimits) -> Result<NodesReport, StoryError> {
     let before: KeptNodes = results.read_json(NODES_FILE, "watch")?.unwrap_or_default();
-    let now_s = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0.0, |time| time.as_secs_f64());
-    let nodes = match nodes(study, &before.nodes, limits, now_s) {
+    let nodes = match nodes(study, &before.nodes, limits, now_s()) {
         Ok(nodes) => nodes,
         Err(why) => {
             let warning = Some(format!("how nodes are is not known: {why}"));
             return Ok(NodesReport { nodes: before.nodes, events: Vec::new(), warning });
         }
     };
-    let turned = |turn: Turn| NodeEvent {
-        structure: study.structure.name.clone(),
-        event: if turn.is_over { Turned::Ended } else { Turned::Begun },
-        node: turn.node,
-        problem: turn.problem,
-    };
-    let events: Vec<NodeEvent> = node_turns(&before.nodes, &nodes).into_iter().map(turned).collect();
+    let events = node_events(&study.structure.name, &before.nodes, &nodes);
     // Events first: one that is noted twice is better than none.
     note(results, events.iter().cloned().map(WatchEvent::Node).collect())?;
     if nodes != before.nodes {
         results.write_json(NODES_FILE, &KeptNodes { nodes: nodes.clone() })?;
     }
     Ok(NodesReport { nodes, events, warning: None })
+}
+
+/// What has begun and ended at the nodes of a structure between two states.
+pub(crate) fn node_events(structure: &str, before: &[NodeState], now: &[NodeState]) -> Vec<NodeEvent> {
+    let turned = |turn: Turn| NodeEvent {
+        structure: structure.to_owned(),
+        event: if turn.is_over { Turned::Ended } else { Turned::Begun },
+        node: turn.node,
+        problem: turn.problem,
+    };
+    node_turns(before, now).into_iter().map(turned).collect()
 }
 
 /// Appends events to the file of alarms.

@@ -10,6 +10,7 @@ use std::fmt;
 use serde::{Deserialize, Serialize};
 
 use crate::heartbeats::KeptHeartbeat;
+use crate::statistics::median;
 
 /// How far back heartbeats say how much is lost, in s.
 pub const LOOKED_BACK_S: f64 = 86_400.0;
@@ -111,6 +112,12 @@ pub struct NodeLimits {
     pub silent_after_s: f64,
 }
 
+impl Default for NodeLimits {
+    fn default() -> Self {
+        Self { silent_after_s: 900.0 }
+    }
+}
+
 /// What has become of a problem.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Turn {
@@ -142,8 +149,8 @@ pub fn state(news: &NodeNews, before: Option<&NodeState>, limits: &NodeLimits, n
     let has_been = |time_s: &f64| *time_s <= now_s + AHEAD_S;
     let last_seen_s = last_seen_s.into_iter().flatten().filter(has_been).reduce(f64::max);
     let lost = Lost::of(news);
-    let clock_offset_s = median(news.windows.iter().map(|window| window.middle_offset_s));
-    let clock_drift_ppm = median(news.windows.iter().map(|window| window.drift_ppm));
+    let clock_offset_s = median_of(news.windows.iter().map(|window| window.middle_offset_s));
+    let clock_drift_ppm = median_of(news.windows.iter().map(|window| window.drift_ppm));
     let mut problems = Vec::new();
     // A problem of which nothing is measured now is as it was: silence is no recovery.
     let mut note = |problem: Problem, since_s: f64, measured: Option<(f64, String)>| {
@@ -243,7 +250,7 @@ impl Lost {
 
 /// Time from one window to the next, in s: the median.
 fn spacing_s(windows: &[WindowHead]) -> f64 {
-    median(windows.windows(2).map(|pair| pair[0].start_s - pair[1].start_s)).unwrap_or(0.0).max(0.0)
+    median_of(windows.windows(2).map(|pair| pair[0].start_s - pair[1].start_s)).unwrap_or(0.0).max(0.0)
 }
 
 /// The sensors that all of the newest heartbeats call faulty.
@@ -260,10 +267,8 @@ fn lasting_faults(heartbeats: &[KeptHeartbeat]) -> Option<String> {
     (!told.is_empty()).then(|| told.join(", "))
 }
 
-fn median(values: impl Iterator<Item = f64>) -> Option<f64> {
-    let mut values: Vec<f64> = values.collect();
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied()
+fn median_of(values: impl Iterator<Item = f64>) -> Option<f64> {
+    median(&mut values.collect::<Vec<f64>>())
 }
 
 /// A time in s as words.

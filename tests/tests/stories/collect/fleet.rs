@@ -4,21 +4,21 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::Path;
-use std::process::{Child, Stdio};
+use std::process::{Child, Command, Stdio};
 use std::thread;
-use std::time::{Duration, Instant};
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use assert_cmd::prelude::*;
-use belfry_tests::belfry_command;
-use belfry_tests::nats::NatsServer;
+use belfry_tests::nats::{NatsServer, StoredMessage};
+use belfry_tests::{belfry_command, fleet};
 use parquet::file::reader::{FileReader, SerializedFileReader};
 use parquet::record::RowAccessor;
 use predicates::str::contains;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use serde_json::Value;
+use serde_json::{Value, json};
 
-use super::live::{LiveBench, interrupt, kill};
+use super::live::{self, LiveBench, interrupt, kill};
 use super::mast::archive;
 
 /// Length of an interval in s.
@@ -57,14 +57,10 @@ fn results(server: &NatsServer) -> Vec<Value> {
     results.map(|message| serde_json::from_slice(&message.payload).unwrap()).collect()
 }
 
-fn spawn(mut command: std::process::Command) -> Child {
-    command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap()
-}
-
-fn worker(server: &NatsServer, more: &[&str]) -> Child {
+fn worker(bench: &LiveBench, server: &NatsServer, more: &[&str]) -> Child {
     let mut command = belfry_command();
     command.args(["work", "--from", &server.url()]).args(more);
-    spawn(command)
+    bench.spawn(command)
 }
 
 /// Identifies the modes of what has come and has them followed.
@@ -86,11 +82,7 @@ fn end(bench: &LiveBench, server: &NatsServer, mut gateway: Child) {
 }
 
 fn wait_until(what: &str, is_so: impl Fn() -> bool) {
-    let start = Instant::now();
-    while !is_so() {
-        assert!(start.elapsed() < Duration::from_secs(90), "{what} does not come");
-        thread::sleep(Duration::from_millis(200));
-    }
+    live::wait_until(what, Duration::from_secs(90), is_so);
 }
 
 /// Whole intervals that the archive has, with the windows of each: those that both nodes have gone past.
@@ -151,10 +143,10 @@ fn windows_and_results_come_once_whoever_is_killed() {
     let mut server = NatsServer::start().unwrap();
     let bench = LiveBench::new();
     let url = server.url();
-    let gateway = || spawn(bench.collect(&["--to", &url]));
+    let gateway = || bench.spawn(bench.collect(&["--to", &url]));
     let first = gateway();
     follow(&bench, &server, &[]);
-    let workers = [worker(&server, &[]), worker(&server, &[])];
+    let workers = [worker(&bench, &server, &[]), worker(&bench, &server, &[])];
     wait_until("the first result", || !results(&server).is_empty());
     kill(first);
     let second = gateway();
@@ -162,7 +154,7 @@ fn windows_and_results_come_once_whoever_is_killed() {
     let [one, other] = workers;
     kill(one);
     thread::sleep(Duration::from_secs(6));
-    let third = worker(&server, &[]);
+    let third = worker(&bench, &server, &[]);
     thread::sleep(Duration::from_secs(5));
     server.kill(0).unwrap();
     // The archive grows meanwhile.
@@ -179,7 +171,7 @@ fn windows_and_results_come_once_whoever_is_killed() {
     fs::remove_file(bench.folder.path().join("gateway.json")).unwrap();
     let (windows, found) = (published(&server), results(&server));
     let again = gateway();
-    let late = worker(&server, &[]);
+    let late = worker(&bench, &server, &[]);
     thread::sleep(Duration::from_secs(3));
     interrupt(&again);
     assert!({ again }.wait_with_output().unwrap().status.success());
@@ -198,9 +190,9 @@ fn each_server_of_a_cluster_may_die_and_everything_goes_on() {
     let mut server = NatsServer::start_cluster(3).unwrap();
     let bench = LiveBench::new();
     let url = server.url();
-    let gateway = spawn(bench.collect(&["--to", &url, REPLICAS[0], REPLICAS[1]]));
+    let gateway = bench.spawn(bench.collect(&["--to", &url, REPLICAS[0], REPLICAS[1]]));
     follow(&bench, &server, &REPLICAS);
-    let workers = [worker(&server, &REPLICAS), worker(&server, &REPLICAS)];
+    let workers = [worker(&bench, &server, &REPLICAS), worker(&bench, &server, &REPLICAS)];
     wait_until("the first result", || !results(&server).is_empty());
     for dead in 0..3 {
         let before = results(&server).len();
@@ -225,10 +217,10 @@ fn nothing_is_lost_or_doubled_in_a_hundred_kills() {
     let mut server = NatsServer::start().unwrap();
     let bench = LiveBench::new();
     let url = server.url();
-    let start_gateway = || spawn(bench.collect(&["--to", &url]));
+    let start_gateway = || bench.spawn(bench.collect(&["--to", &url]));
     let mut gateway = start_gateway();
     follow(&bench, &server, &[]);
-    let mut workers = vec![worker(&server, &[]), worker(&server, &[])];
+    let mut workers = vec![worker(&bench, &server, &[]), worker(&bench, &server, &[])];
     wait_until("the first result", || !results(&server).is_empty());
     for number in 0..KILLS {
         thread::sleep(Duration::from_secs_f64(random.random_range(0.2..4.0)));
@@ -239,7 +231,7 @@ fn nothing_is_lost_or_doubled_in_a_hundred_kills() {
             }
             1 => {
                 kill(workers.remove(0));
-                workers.push(worker(&server, &[]));
+                workers.push(worker(&bench, &server, &[]));
             }
             _ => {
                 server.kill(0).unwrap();
@@ -261,21 +253,44 @@ fn nothing_is_lost_or_doubled_in_a_hundred_kills() {
     );
 }
 
-/// Rows of all Parquet files of the mast: interval, windows, mode and frequency.
-fn rows(folder: &Path) -> Vec<(i64, i64, i64, Option<f64>)> {
-    let mut files: Vec<_> = fs::read_dir(folder.join("Mast")).unwrap().map(|entry| entry.unwrap().path()).collect();
+/// Interval, windows, mode and frequency in Hz.
+type Row = (i64, i64, i64, Option<f64>);
+
+/// Rows of all Parquet files of a structure.
+fn rows(folder: &Path, structure: &str) -> Vec<Row> {
+    let mut files: Vec<_> = fs::read_dir(folder.join(structure)).unwrap().map(|entry| entry.unwrap().path()).collect();
     files.sort();
     let mut rows = Vec::new();
     for file in files.iter().filter(|file| file.extension().is_some_and(|ending| ending == "parquet")) {
         let reader = SerializedFileReader::new(fs::File::open(file).unwrap()).unwrap();
         for row in reader.get_row_iter(None).unwrap() {
             let row = row.unwrap();
-            assert_eq!(row.get_string(0).unwrap(), "Mast");
+            assert_eq!(row.get_string(0).unwrap(), structure);
             let [interval, windows, mode] = [1, 4, 6].map(|column| row.get_long(column).unwrap());
             rows.push((interval, windows, mode, row.get_double(7).ok()));
         }
     }
     rows
+}
+
+/// Whether DuckDB sees of each mode what the results have.
+fn duckdb_reads(tables: &Path, expected: &[Row]) {
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("duck.py");
+    let output = Command::new("python3").arg(script).arg(tables).output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let mut modes: BTreeMap<i64, Vec<f64>> = BTreeMap::new();
+    for (_, _, mode, frequency_hz) in expected {
+        modes.entry(*mode).or_default().extend(frequency_hz);
+    }
+    modes.remove(&0);
+    let said = String::from_utf8(output.stdout).unwrap();
+    assert_eq!(said.lines().count(), modes.len(), "{said}");
+    for (line, (mode, hz)) in said.lines().zip(modes) {
+        let (what, mean_hz) = line.rsplit_once(',').unwrap();
+        assert_eq!(what, format!("Mast,{mode},{}", hz.len()));
+        let mean = hz.iter().sum::<f64>() / hz.len() as f64;
+        assert!((mean_hz.parse::<f64>().unwrap() - mean).abs() < 1e-9 * mean, "{line}");
+    }
 }
 
 #[test]
@@ -286,7 +301,7 @@ fn a_server_lets_in_who_has_its_credentials_encrypts_and_results_come_as_parquet
     let (url, secrets) = (server.url(), server.arguments());
     assert!(url.starts_with("tls://"));
     let secrets: Vec<&str> = secrets.iter().map(String::as_str).collect();
-    let gateway = spawn(bench.collect(&[&["--to", &url], &secrets[..]].concat()));
+    let gateway = bench.spawn(bench.collect(&[&["--to", &url], &secrets[..]].concat()));
     follow(&bench, &server, &secrets);
     // Neither without the certificate nor without the credentials.
     for some in [&secrets[..2], &secrets[2..]] {
@@ -294,7 +309,7 @@ fn a_server_lets_in_who_has_its_credentials_encrypts_and_results_come_as_parquet
         belfry_command().args(add).args(some).assert().failure().stderr(contains("no connection to tls://"));
     }
     let tables = bench.folder.path().join("tables");
-    let work = || worker(&server, &[&["--parquet", tables.to_str().unwrap()], &secrets[..]].concat());
+    let work = || worker(&bench, &server, &[&["--parquet", tables.to_str().unwrap()], &secrets[..]].concat());
     let first = work();
     wait_until("two results", || results(&server).len() >= 2);
     kill(first);
@@ -314,8 +329,79 @@ fn a_server_lets_in_who_has_its_credentials_encrypts_and_results_come_as_parquet
             if rows.is_empty() { vec![(whole("interval"), whole("windows"), 0, None)] } else { rows }
         })
         .collect();
-    wait_until("the files", || rows(&tables).len() >= expected.len());
-    assert_eq!(rows(&tables), expected);
+    wait_until("the files", || rows(&tables, "Mast").len() >= expected.len());
+    assert_eq!(rows(&tables, "Mast"), expected);
+    if cfg!(long_tests) {
+        duckdb_reads(&tables, &expected);
+    }
     kill(second);
     holds(&bench, &server);
+}
+
+#[test]
+#[cfg_attr(not(nats), ignore = "nats-server is not installed; ./test installs it")]
+fn what_a_clock_ahead_sends_is_told_and_left_out_and_days_that_were_left_unfinished_are_made_whole() {
+    const DAY_S: i64 = 86_400;
+    let server = NatsServer::start().unwrap();
+    let add = |hours| fleet::publish(&server, 1, hours, 22, |_| String::new()).unwrap();
+    add(1);
+    // Results of three days before, as another worker left them, and a window of a gateway whose clock is two hours ahead.
+    let windows = server.messages("BELFRY").unwrap();
+    let first = windows.iter().find(|message| message.subject.contains(".windows.")).unwrap().clone();
+    let results = || {
+        let messages = server.messages("BELFRY_RESULTS").unwrap();
+        messages.iter().map(|message| serde_json::from_slice(&message.payload).unwrap()).collect::<Vec<Value>>()
+    };
+    for day in 19_671..19_674 {
+        let (interval, start_s) = (day * 24, (day * DAY_S) as f64);
+        let result = json!({
+            "structure": "Tower-0", "interval": interval, "start_s": start_s, "end_s": start_s + 3600.0, "windows": day, "seen": null,
+            "last_hz": [], "next": 1, "warnings": [],
+        });
+        let id = format!("Tower-0-{interval}");
+        let message =
+            StoredMessage { subject: "belfry.Tower-0.results".to_owned(), id, payload: result.to_string().into() };
+        server.publish(message, 0).unwrap();
+    }
+    let now_us = SystemTime::now().duration_since(UNIX_EPOCH).unwrap().as_micros() as i64;
+    let ahead = StoredMessage { id: "Tower-0-1-7-4000000000".to_owned(), ..first };
+    server.publish(ahead, now_us + 7_200_000_000).unwrap();
+    add(3);
+    let folder = tempfile::tempdir().unwrap();
+    let tables = folder.path().join("tables");
+    let days = || {
+        let files = fs::read_dir(tables.join("Tower-0")).into_iter().flatten();
+        let mut names: Vec<String> = files.map(|file| file.unwrap().file_name().into_string().unwrap()).collect();
+        names.retain(|name| name.ends_with(".parquet"));
+        names.sort();
+        names
+    };
+    let work = |wanted: usize| {
+        let mut command = belfry_command();
+        command.args(["work", "--from", &server.url(), "--parquet", tables.to_str().unwrap()]);
+        let worker = command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
+        wait_until("the results", || results().len() >= 6);
+        wait_until("the files", || days().len() >= wanted);
+        kill(worker);
+    };
+    work(5);
+    let counts: Vec<i64> = results().iter().map(|result| result["interval"].as_i64().unwrap()).collect();
+    // 2023-11-14 from 22:00 on.
+    assert_eq!(counts[3..], [472_222, 472_223, 472_224]);
+    let told = |result: &Value| {
+        result["warnings"].to_string().contains("1 messages are left out, whose time was more than 15 min ahead")
+    };
+    assert_eq!(results().iter().filter(|result| told(result)).count(), 1, "{:?}", results());
+    let (whole, names) = (rows(&tables, "Tower-0"), days());
+    assert_eq!(
+        names,
+        ["2023-11-10", "2023-11-11", "2023-11-12", "2023-11-14", "2023-11-15"].map(|day| format!("{day}.parquet"))
+    );
+    // A worker that was killed on the second day and comes back on the sixth.
+    for name in &names[2..] {
+        fs::remove_file(tables.join("Tower-0").join(name)).unwrap();
+    }
+    fs::copy(tables.join("Tower-0").join(&names[0]), tables.join("Tower-0").join(&names[1])).unwrap();
+    work(5);
+    assert_eq!(rows(&tables, "Tower-0"), whole);
 }

@@ -2,15 +2,14 @@
 
 use std::fs;
 use std::process::Stdio;
-use std::thread;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use assert_cmd::prelude::*;
 use belfry_tests::belfry_command;
 use belfry_tests::post::{Begins, Post};
 use serde_json::Value;
 
-use super::live::{LiveBench, interrupt, kill};
+use super::live::{self, LiveBench, interrupt, kill};
 
 #[test]
 fn nodes_that_fall_silent_are_an_alarm_until_they_speak_again() {
@@ -66,9 +65,5 @@ fn nodes_that_fall_silent_are_an_alarm_until_they_speak_again() {
 }
 
 fn wait_until(what: &str, is_so: impl Fn() -> bool) {
-    let start = Instant::now();
-    while !is_so() {
-        assert!(start.elapsed() < Duration::from_secs(60), "{what}: in vain");
-        thread::sleep(Duration::from_millis(100));
-    }
+    live::wait_until(what, Duration::from_secs(60), is_so);
 }

@@ -1,5 +1,7 @@
 //! The command in real time: nodes behind sockets, the host killed and started again, the modes of what has come.
 
+use std::cell::RefCell;
+use std::fs::{self, File};
 use std::io::{BufRead, BufReader, ErrorKind, Read, Write};
 use std::net::{Shutdown, TcpListener};
 use std::os::unix::net::{UnixListener, UnixStream};
@@ -21,6 +23,8 @@ use crate::said::sound;
 use super::mast::{MODES, RATE_HZ, folder_in_memory, fresh_node, is_without_gaps, motion, numbers, write_study};
 
 const PATIENCE: Duration = Duration::from_secs(60);
+/// What programs at a bench say.
+const LOG_FILE: &str = "programs.log";
 
 /// The node's firmware in real time behind a socket; it goes on when the host has gone.
 struct LiveNode {
@@ -95,6 +99,8 @@ impl Drop for LiveNode {
 /// The mast's study, and its nodes: the one's crystal gains 20 ppm, the other's loses as much.
 pub(super) struct LiveBench {
     pub(super) folder: tempfile::TempDir,
+    /// Programs that were started, by their numbers.
+    programs: RefCell<Vec<u32>>,
     _nodes: [LiveNode; 2],
 }
 
@@ -109,7 +115,7 @@ impl LiveBench {
             LiveNode::start(number, ppm, &socket, Arc::clone(&motion), first, on)
         };
         let nodes = [start(3, 20.0, 0), start(8, -20.0, 2)];
-        Self { folder, _nodes: nodes }
+        Self { folder, programs: RefCell::default(), _nodes: nodes }
     }
 
     pub(super) fn study(&self) -> &str {
@@ -123,14 +129,40 @@ impl LiveBench {
         command
     }
 
+    /// Starts a program that works at the bench's study. What it says is shown where the story fails.
+    pub(super) fn spawn(&self, mut command: Command) -> Child {
+        let log = File::options().create(true).append(true).open(self.folder.path().join(LOG_FILE)).unwrap();
+        let child = command.stdout(Stdio::null()).stderr(log).spawn().unwrap();
+        self.programs.borrow_mut().push(child.id());
+        child
+    }
+
     /// Waits until the archive has `count` windows of each node.
     pub(super) fn wait_for(&self, count: usize) {
-        let start = Instant::now();
         let file = self.folder.path().join("archive.sqlite");
-        while !file.exists() || [3, 8].iter().any(|&node| numbers(self.folder.path(), node).len() < count) {
-            assert!(start.elapsed() < PATIENCE, "{count} windows of each node do not come");
-            thread::sleep(Duration::from_millis(100));
+        wait_until(&format!("{count} windows of each node"), PATIENCE, || {
+            file.exists() && [3, 8].iter().all(|&node| numbers(self.folder.path(), node).len() >= count)
+        });
+    }
+}
+
+impl Drop for LiveBench {
+    fn drop(&mut self) {
+        if thread::panicking() {
+            // Stories that follow would have to share the machine with them.
+            let programs = self.programs.borrow().iter().map(u32::to_string).collect::<Vec<_>>();
+            let _ = Command::new("kill").arg("-KILL").args(programs).status();
+            println!("{}", fs::read_to_string(self.folder.path().join(LOG_FILE)).unwrap_or_default());
         }
+    }
+}
+
+/// Waits until something is so, for so long.
+pub(super) fn wait_until(what: &str, patience: Duration, is_so: impl Fn() -> bool) {
+    let start = Instant::now();
+    while !is_so() {
+        assert!(start.elapsed() < patience, "{what}: in vain");
+        thread::sleep(Duration::from_millis(100));
     }
 }
 

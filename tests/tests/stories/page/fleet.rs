@@ -89,13 +89,23 @@ async fn a_fleet_is_looked_over_and_a_structure_with_an_alarm_is_looked_into() {
     assert_eq!(page.get("/structure?key=%2A").status, 404);
     assert_eq!(page.ask_as("GET", "/data", &[], "").status, 401);
     browser.no_errors().await;
+    // One that something else has written hides none of the others.
+    let server = tokio::task::spawn_blocking(move || {
+        server.put("belfry-structures", "Strange", &json!({ "nodes": 3 })).unwrap();
+        server
+    });
+    let server = server.await.unwrap();
+    let strange = format!(
+        "return {rows} === 6 && document.querySelector('main tbody').textContent.includes('the entry of Strange')"
+    );
+    browser.wait_for("what cannot be read", &strange).await;
     // The server goes: the page says so, and what it knew stays.
     tokio::task::spawn_blocking(move || drop(server)).await.unwrap();
     browser
         .wait_for(
             "that the server is away",
             &format!(
-                "return document.querySelector('header .failed')?.textContent.startsWith('The server:') && {rows} === 5"
+                "return document.querySelector('header .failed')?.textContent.startsWith('The server:') && {rows} === 6"
             ),
         )
         .await;
