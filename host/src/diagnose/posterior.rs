@@ -9,7 +9,6 @@
 
 use serde::Serialize;
 
-use super::criteria::STILL_ADEQUATE;
 use super::found::Found;
 use super::prior::PriorOdds;
 use super::problem::Problem;
@@ -64,12 +63,6 @@ impl Problem {
     /// The most probable effect of those found, if it is more probable than that the model lacks nothing.
     pub(super) fn leading<'a>(&self, found: &'a [Found]) -> Option<&'a Found> {
         self.leading_position(found).map(|position| &found[position])
-    }
-
-    /// Whether an effect leaves so little to that the model lacks nothing that a verdict may name it.
-    pub(super) fn rules_out_nothing(&self, found: &Found) -> bool {
-        let [effect, nothing] = [self.prior_odds.of_found(found, 1.0), self.prior_odds.of_adequate(1.0)];
-        effect.log_weight() - nothing.log_weight() > (1.0 / STILL_ADEQUATE - 1.0).ln()
     }
 
     /// Where it stands among them.

@@ -267,9 +267,7 @@ impl Setting<'_> {
             let problem = self.problem_as_seen(&effects)?;
             let present = problem.fit_present(&effects)?;
             let Searched { settled, found, .. } = problem.search(&present, options);
-            // A model that passes the test may well lack nothing.
-            let may_be_added = |best: &&Found| !present.passes() || problem.rules_out_nothing(best);
-            let best = problem.leading(&found).filter(may_be_added);
+            let best = problem.leading(&found);
             // One after the other need not find effects that hide each other.
             let is_explained = present.passes() || best.is_some_and(|best| best.own().passes());
             let set = if is_explained { None } else { sure_set(&problem, &present, &settled, &found, options) };

@@ -6,7 +6,7 @@
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
 use super::candidates::Options;
-use super::criteria::{FAILS, STANDS_OUT, STILL_ADEQUATE};
+use super::criteria::{FAILS, STANDS_OUT};
 use super::discrepancy::here;
 use super::elsewise::Elsewise;
 use super::error::{DiagnoseError, in_words};
@@ -29,7 +29,6 @@ use crate::compare::{Block, exceeding, levels};
 use crate::model::Body;
 use crate::model::effect::{Effect, Where};
 use crate::modes::{MeasuredMode, are_known};
-use crate::numbers::probability_text;
 
 /// Effects whose predictions have this squared cosine are twins.
 pub(super) const TWINS: f64 = 0.99;
@@ -88,7 +87,7 @@ pub fn diagnose(
     Ok(diagnosis)
 }
 
-/// What is most probable, and clearly so.
+/// What is most probable.
 pub(super) enum Leads<'a> {
     /// The model lacks nothing.
     Nothing,
@@ -102,17 +101,6 @@ pub(super) enum Leads<'a> {
     SomethingElse,
 }
 
-impl Leads<'_> {
-    /// The effect, where one leads.
-    fn effect(&self) -> Option<&Effect> {
-        match self {
-            Self::Nothing | Self::SomethingElse => None,
-            Self::Effect(best) | Self::Twins(best, _) => Some(best.effect()),
-            Self::Signal(signal) => Some(&signal.effect),
-        }
-    }
-}
-
 /// All hypotheses with their probabilities, and which is the most probable.
 pub(super) struct Weighed<'a> {
     probabilities: Probabilities,
@@ -120,8 +108,6 @@ pub(super) struct Weighed<'a> {
     found: Vec<(&'a Found, f64, f64)>,
     signals: Vec<(&'a Signal, f64, f64)>,
     pub(super) leads: Leads<'a>,
-    /// An effect that is more probable than that the model lacks nothing, but does not rule that out; with its probability.
-    undecided: Option<(String, f64)>,
 }
 
 impl<'a> Weighed<'a> {
@@ -176,23 +162,14 @@ impl<'a> Weighed<'a> {
             let leading = if twins.is_empty() { Leads::Effect(best) } else { Leads::Twins(best, twins) };
             leads.push((leading, together));
         }
-        let (leads, probability) =
-            leads.into_iter().max_by(|a, b| a.1.total_cmp(&b.1)).unwrap_or((Leads::SomethingElse, 1.0));
-        let named = leads.effect().filter(|_| probabilities.adequate >= STILL_ADEQUATE);
-        let undecided = named.map(|effect| (effect.to_string(), probability));
-        let leads = if undecided.is_some() { Leads::Nothing } else { leads };
-        Self { probabilities, found: weighed_found, signals: weighed_signals, leads, undecided }
+        let leads =
+            leads.into_iter().max_by(|a, b| a.1.total_cmp(&b.1)).map_or(Leads::SomethingElse, |(leads, _)| leads);
+        Self { probabilities, found: weighed_found, signals: weighed_signals, leads }
     }
 
     /// As a diagnosis, beside this present model.
     pub(super) fn told(&self, problem: &Problem, present: &Fit) -> Diagnosis {
         let mut warnings = unused_modes(problem);
-        if let Some((effect, probability)) = &self.undecided {
-            let (it, none) = (probability_text(*probability), probability_text(self.probabilities.adequate));
-            warnings.push(format!(
-                "{effect} ({it}) is more probable than nothing ({none}), but does not rule that out, as a verdict asks: a longer record may; `belfry plan` says how long"
-            ));
-        }
         let first = self.found.first().map(|(best, ..)| *best);
         let name = |found: &Found| found.effect().to_string();
         let (verdict, best, ambiguous, next) = match &self.leads {
