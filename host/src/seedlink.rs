@@ -277,6 +277,43 @@ impl SeedLink {
         line.say("HELLO")?;
         line.answer()?;
         line.answer()?;
+        let refused = self.ask(&mut line)?;
+        line.say("END")?;
+        on_ready();
+        tell(SeedLinkNews::Connected);
+        let asked = Instant::now();
+        if !refused.is_empty() && refused != self.refused {
+            tell(SeedLinkNews::Refused { names: refused.iter().cloned().collect() });
+        }
+        self.refused = refused;
+        let mut packet = [0; HEADER + RECORD];
+        let (mut filled, mut heard) = (0, Instant::now());
+        while !stop() && (self.refused.is_empty() || asked.elapsed() < ASK_AGAIN) {
+            match stream.read(&mut packet[filled..]) {
+                Ok(0) => return Err(broken(ErrorKind::UnexpectedEof.into())),
+                Ok(count) => (filled, heard) = (filled + count, Instant::now()),
+                Err(error)
+                    if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut | ErrorKind::Interrupted) => {
+                }
+                Err(error) => return Err(broken(error)),
+            }
+            if heard.elapsed() > SILENCE {
+                return Err(broken(ErrorKind::TimedOut.into()));
+            }
+            if filled == packet.len() {
+                filled = 0;
+                self.take(&packet, tell)?;
+            }
+            if self.waiting > 0 && (self.waiting >= KEPT_AFTER || self.kept.elapsed() > KEPT_EVERY) {
+                self.keep()?;
+                tell(SeedLinkNews::Records { count: self.count });
+            }
+        }
+        Ok(())
+    }
+
+    /// Asks for all channels, from where each station came to; the stations and channels that the server refuses.
+    fn ask(&self, line: &mut Line<'_>) -> Result<BTreeSet<String>, SeedLinkError> {
         let stations: BTreeSet<[String; 2]> =
             self.channels.iter().map(|one| [one.parts[0].clone(), one.parts[1].clone()]).collect();
         let (mut refused, mut given) = (BTreeSet::new(), 0);
@@ -309,43 +346,12 @@ impl SeedLink {
                 refused.insert(name);
             }
         }
-        let names: Vec<String> = refused.iter().cloned().collect();
         if given == 0 {
+            let names: Vec<String> = refused.into_iter().collect();
             let why = format!("it refuses {}", names.join(", "));
             return Err(SeedLinkError::Server { server: self.server.clone(), why });
         }
-        line.say("END")?;
-        on_ready();
-        tell(SeedLinkNews::Connected);
-        let asked = Instant::now();
-        if !names.is_empty() && refused != self.refused {
-            tell(SeedLinkNews::Refused { names });
-        }
-        self.refused = refused;
-        let mut packet = [0; HEADER + RECORD];
-        let (mut filled, mut heard) = (0, Instant::now());
-        while !stop() && (self.refused.is_empty() || asked.elapsed() < ASK_AGAIN) {
-            match stream.read(&mut packet[filled..]) {
-                Ok(0) => return Err(broken(ErrorKind::UnexpectedEof.into())),
-                Ok(count) => (filled, heard) = (filled + count, Instant::now()),
-                Err(error)
-                    if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut | ErrorKind::Interrupted) => {
-                }
-                Err(error) => return Err(broken(error)),
-            }
-            if heard.elapsed() > SILENCE {
-                return Err(broken(ErrorKind::TimedOut.into()));
-            }
-            if filled == packet.len() {
-                filled = 0;
-                self.take(&packet, tell)?;
-            }
-            if self.waiting > 0 && (self.waiting >= KEPT_AFTER || self.kept.elapsed() > KEPT_EVERY) {
-                self.keep()?;
-                tell(SeedLinkNews::Records { count: self.count });
-            }
-        }
-        Ok(())
+        Ok(refused)
     }
 
     /// Puts a record into its file.

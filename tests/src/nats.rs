@@ -219,9 +219,8 @@ impl NatsServer {
     /// # Errors
     /// When they do not.
     pub fn wait_until_ready(&self) -> Result<(), Box<dyn std::error::Error>> {
-        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
         let start = Instant::now();
-        runtime.block_on(async {
+        block_on(async {
             let client = self.connect().await?;
             let mut context = jetstream::new(client.clone());
             context.set_timeout(Duration::from_secs(1));
@@ -272,8 +271,7 @@ impl NatsServer {
     /// # Errors
     /// When the server fails.
     pub fn count(&self, stream: &str) -> Result<usize, Box<dyn std::error::Error>> {
-        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
-        runtime.block_on(async {
+        block_on(async {
             let context = jetstream::new(self.connect().await?);
             let stream = context.get_stream(stream).await?;
             Ok(usize::try_from(stream.cached_info().state.messages)?)
@@ -285,8 +283,7 @@ impl NatsServer {
     /// # Errors
     /// When the server fails.
     pub fn put(&self, bucket: &str, key: &str, value: &Value) -> Result<(), Box<dyn std::error::Error>> {
-        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
-        runtime.block_on(async {
+        block_on(async {
             let bucket = jetstream::new(self.connect().await?).get_key_value(bucket).await?;
             bucket.put(key, value.to_string().into()).await?;
             Ok(())
@@ -298,8 +295,7 @@ impl NatsServer {
     /// # Errors
     /// When the server fails.
     pub fn publish(&self, message: StoredMessage, time_us: i64) -> Result<(), Box<dyn std::error::Error>> {
-        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
-        runtime.block_on(async {
+        block_on(async {
             let mut headers = async_nats::HeaderMap::new();
             headers.insert("Nats-Msg-Id", message.id.as_str());
             headers.insert("Belfry-Time", time_us.to_string().as_str());
@@ -314,10 +310,9 @@ impl NatsServer {
     /// # Errors
     /// When the servers do not answer for a while.
     pub fn messages(&self, stream: &str) -> Result<Vec<StoredMessage>, Box<dyn std::error::Error>> {
-        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
         let start = Instant::now();
         loop {
-            match runtime.block_on(self.messages_now(stream)) {
+            match block_on(self.messages_now(stream)) {
                 Err(_) if start.elapsed() < START => thread::sleep(Duration::from_millis(100)),
                 answer => return answer,
             }
@@ -342,6 +337,13 @@ impl NatsServer {
         }
         Ok(messages)
     }
+}
+
+/// Waits for what a server answers.
+fn block_on<T>(
+    answer: impl Future<Output = Result<T, Box<dyn std::error::Error>>>,
+) -> Result<T, Box<dyn std::error::Error>> {
+    tokio::runtime::Builder::new_current_thread().enable_all().build()?.block_on(answer)
 }
 
 /// Whether the servers say that there is no such stream.

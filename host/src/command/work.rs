@@ -1,5 +1,6 @@
 //! `belfry work`: modes and alarms of many structures, whose windows gateways have published.
 
+use std::iter::once;
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -89,9 +90,6 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
             _ => {}
         }
         console.say(in_words(&news));
-        if let WorkNews::Result { result, .. } = &news {
-            result.node_events.iter().for_each(|event| console.say(node_sentence(event)));
-        }
         if let Err(error) = console.json_line("work-1", &news) {
             unprinted = Err(error);
         }
@@ -109,7 +107,11 @@ fn in_words(news: &WorkNews) -> String {
         WorkNews::Result { result, after_s } => {
             let modes = result.seen.as_ref().map_or(0, |seen| seen.modes.len());
             let (structure, windows) = (&result.structure, result.windows);
-            format!("{structure}, {}: {modes} modes of {windows} windows, after {after_s:.1} s", begin(result.start_s))
+            let found = format!(
+                "{structure}, {}: {modes} modes of {windows} windows, after {after_s:.1} s",
+                begin(result.start_s)
+            );
+            once(found).chain(result.node_events.iter().map(node_sentence)).collect::<Vec<_>>().join("\n")
         }
         WorkNews::Alarm { alarm } => sentence(alarm, true),
         WorkNews::Waiting { .. } => "The server is away.".to_owned(),

@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use super::error::StreamError;
 use super::follow::IntervalResult;
 use super::names;
-use super::reading::{From, each};
+use super::reading::{Start, each};
 use super::server::Server;
 use crate::archive::day;
 use crate::export::intervals::intervals;
@@ -24,13 +24,13 @@ pub(super) struct DayTable {
 }
 
 impl DayTable {
-    /// Makes up for days that have no file, and for those from the newest file on, which a killed worker may have left unfinished.
+    /// Makes up for days that have no file, and for those from the last file but one on, which a worker that was killed, or asleep, may have left unfinished.
     pub(super) async fn catch_up(server: &Server, folder: &Path, key: &str) -> Result<Self, StreamError> {
         let folder = folder.join(key);
         fs::create_dir_all(&folder).map_err(|source| StreamError::File { file: folder.clone(), source })?;
-        let newest = newest(&folder).map_err(|source| StreamError::File { file: folder.clone(), source })?;
+        let unsure = last_but_one(&folder).map_err(|source| StreamError::File { file: folder.clone(), source })?;
         let mut table = Self { folder, day: i64::MIN, results: Vec::new() };
-        each(&server.results, &names::results(key), From::Message(1), false, |message| {
+        each(&server.results, &names::results(key), Start::Message(1), false, |message| {
             let Ok(result) = serde_json::from_slice::<IntervalResult>(&message.payload) else {
                 return Ok(ControlFlow::Continue(()));
             };
@@ -40,7 +40,7 @@ impl DayTable {
                 let done = mem::replace(&mut table, next);
                 let file = done.file();
                 // As names sort, days do.
-                if !file.exists() || newest.as_ref().is_none_or(|newest| file >= *newest) {
+                if !file.exists() || unsure.as_ref().is_none_or(|unsure| file >= *unsure) {
                     done.write()?;
                 }
             }
@@ -76,11 +76,14 @@ impl DayTable {
     }
 }
 
-/// The file of the newest day; `None` where there is none.
-fn newest(folder: &Path) -> std::io::Result<Option<PathBuf>> {
+/// The file of the newest day but one, or of the only one; `None` where there is none.
+fn last_but_one(folder: &Path) -> std::io::Result<Option<PathBuf>> {
     let files = fs::read_dir(folder)?.map(|entry| entry.map(|entry| entry.path()));
-    let files = files.collect::<std::io::Result<Vec<_>>>()?;
-    Ok(files.into_iter().filter(|file| file.extension().is_some_and(|ending| ending == "parquet")).max())
+    let mut files = files.collect::<std::io::Result<Vec<_>>>()?;
+    files.retain(|file| file.extension().is_some_and(|ending| ending == "parquet"));
+    files.sort();
+    let at = files.len().saturating_sub(2);
+    Ok(files.into_iter().nth(at))
 }
 
 /// The day in which an interval begins, in days since the Unix epoch.

@@ -19,7 +19,7 @@ use super::day_table::DayTable;
 use super::error::StreamError;
 use super::ledger::{Due, Ledger};
 use super::names::{self, DataKind};
-use super::reading::{From, Incoming, each};
+use super::reading::{Incoming, Start, each};
 use super::server::{Server, entry, id_of, newest};
 use super::structure::{self, Structure};
 use crate::archive::{Archive, PackedWindow, TimeRange};
@@ -155,7 +155,7 @@ impl Followed {
     pub(super) async fn catch_up(&self, server: &Server) -> Result<(Ledger, Vec<Due>), StreamError> {
         let mut ledger = Ledger::new(self.structure.every_us(), &self.structure.nodes, self.done);
         let mut due = Vec::new();
-        each(&server.data, &names::data(&self.key), From::Message(self.next), true, |message| {
+        each(&server.data, &names::data(&self.key), Start::Message(self.next), true, |message| {
             if let Some((_, arrived)) = message.arrived() {
                 due.extend(ledger.take(arrived));
             }
@@ -187,13 +187,16 @@ impl Followed {
         let from_us = due.number.saturating_mul(every_us);
         let to_us = from_us.saturating_add(every_us);
         let mut material = Material { from_us, to_us, messages: Vec::new(), ahead: 0 };
-        each(&server.data, &names::data(&self.key), From::Message(due.from), false, |message| {
+        each(&server.data, &names::data(&self.key), Start::Message(due.from), false, |message| {
             let sequence = message.sequence;
-            material.ahead += usize::from(message.is_ahead && sequence <= due.to);
-            if sequence <= due.to && message.time_us.is_some_and(|time_us| (from_us..to_us).contains(&time_us)) {
+            if sequence > due.to {
+                return Ok(ControlFlow::Break(()));
+            }
+            material.ahead += usize::from(message.is_ahead);
+            if message.time_us.is_some_and(|time_us| (from_us..to_us).contains(&time_us)) {
                 material.messages.push(message);
             }
-            Ok(if sequence >= due.to { ControlFlow::Break(()) } else { ControlFlow::Continue(()) })
+            Ok(if sequence == due.to { ControlFlow::Break(()) } else { ControlFlow::Continue(()) })
         })
         .await?;
         let (study, reference) = (Arc::clone(&self.study), Arc::clone(&self.reference));
@@ -234,7 +237,7 @@ impl Followed {
             return Ok(Vec::new());
         };
         let mut intervals: Vec<SeenInterval> = Vec::new();
-        each(&server.results, &names::results(&self.key), From::Message(1), false, |message| {
+        each(&server.results, &names::results(&self.key), Start::Message(1), false, |message| {
             let result = serde_json::from_slice::<IntervalResult>(&message.payload);
             intervals.extend(result.ok().and_then(|result| result.seen));
             Ok(ControlFlow::Continue(()))

@@ -1,9 +1,10 @@
 //! What stands on the server of all structures, and of one: for a page, which reads and changes nothing.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, VecDeque};
 use std::ops::ControlFlow;
 use std::time::Duration;
 
+use async_nats::datetime::DateTime;
 use serde::Serialize;
 use serde_json::Value;
 use tokio::task::JoinSet;
@@ -11,7 +12,7 @@ use tokio::task::JoinSet;
 use super::error::StreamError;
 use super::follow::{IntervalResult, State};
 use super::names;
-use super::reading::{From, each};
+use super::reading::{Start, each};
 use super::server::{Address, Server, entry, newest};
 use super::session::{alive, keys};
 use super::structure::{self, Structure};
@@ -148,7 +149,7 @@ impl Reader {
                 let server = self.0.clone();
                 asked.spawn(async move {
                     match row(&server, &key, now_s).await {
-                        Ok(found) => Ok(found.map(|(row, ..)| row)),
+                        Ok(found) => Ok(found.map(|found| found.row)),
                         // One that something else has written hides none of the others.
                         Err(StreamError::Odd { what, why }) => Ok(Some(Row::unreadable(key, format!("{what}: {why}")))),
                         Err(error) => Err(error),
@@ -173,34 +174,45 @@ impl Reader {
         if names::token(key) != key {
             return Ok(None);
         }
-        let Some((row, structure, judgement)) = row(server, key, now_s).await? else { return Ok(None) };
+        let Some(found) = row(server, key, now_s).await? else { return Ok(None) };
         let mut nodes_seen_s = BTreeMap::new();
-        for &node in &structure.nodes {
+        for &node in &found.structure.nodes {
             let seen = seen_s(server, &[names::windows(key, node), names::heartbeats(key, node)]).await?;
             nodes_seen_s.insert(node, seen);
         }
+        let mut intervals = VecDeque::new();
         // After a year there are some MB of them.
-        let last = newest(&server.results, &names::results(key)).await?;
-        let Some(since) = last.map(|last| last.time - NEWEST) else {
-            return Ok(Some(Detail { row, nodes_seen_s, judgement, intervals: Vec::new() }));
-        };
-        let mut intervals = std::collections::VecDeque::new();
-        each(&server.results, &names::results(key), From::Time(since), false, |message| {
-            if intervals.len() == NEWEST_INTERVALS {
-                intervals.pop_front();
-            }
-            intervals.extend(serde_json::from_slice::<IntervalResult>(&message.payload));
-            Ok(ControlFlow::Continue(()))
-        })
-        .await?;
+        if let Some(newest) = found.newest_result {
+            each(&server.results, &names::results(key), Start::Time(newest - NEWEST), false, |message| {
+                if intervals.len() == NEWEST_INTERVALS {
+                    intervals.pop_front();
+                }
+                intervals.extend(serde_json::from_slice::<IntervalResult>(&message.payload));
+                Ok(ControlFlow::Continue(()))
+            })
+            .await?;
+        }
+        let Found { row, judgement, .. } = found;
         Ok(Some(Detail { row, nodes_seen_s, judgement, intervals: intervals.into() }))
     }
 }
 
-/// A structure's row, its entry and what its days say.
-async fn row(server: &Server, key: &str, now_s: f64) -> Result<Option<(Row, Structure, Value)>, StreamError> {
+/// What a row is made of.
+struct Found {
+    row: Row,
+    /// Its entry.
+    structure: Structure,
+    /// What its days say.
+    judgement: Value,
+    /// When its newest result came.
+    newest_result: Option<DateTime>,
+}
+
+/// A structure's row; `None` where it was not added.
+async fn row(server: &Server, key: &str, now_s: f64) -> Result<Option<Found>, StreamError> {
     let Some((structure, _)) = structure::read(server, key).await? else { return Ok(None) };
     let last = newest(&server.results, &names::results(key)).await?;
+    let newest_result = last.as_ref().map(|last| last.time);
     let last = last.and_then(|last| serde_json::from_slice::<IntervalResult>(&last.payload).ok());
     let entry = entry(&server.states().await?, key, "state").await?;
     let judgement = entry.and_then(|entry| serde_json::from_slice::<State>(&entry.value).ok());
@@ -235,7 +247,7 @@ async fn row(server: &Server, key: &str, now_s: f64) -> Result<Option<(Row, Stru
         node_problems,
         why: None,
     };
-    Ok(Some((row, structure, judgement)))
+    Ok(Some(Found { row, structure, judgement, newest_result }))
 }
 
 /// When the newest message of these subjects came, in s of Unix time.

@@ -75,14 +75,14 @@ impl Incoming {
 
 /// Where reading begins.
 #[derive(Debug, Clone, Copy)]
-pub(super) enum From {
+pub(super) enum Start {
     /// At this message of the stream, or the first behind it.
     Message(u64),
     /// At the first that has come since, by the server's clock.
     Time(DateTime),
 }
 
-impl From {
+impl Start {
     fn policy(self) -> DeliverPolicy {
         match self {
             Self::Message(sequence) => DeliverPolicy::ByStartSequence { start_sequence: sequence.max(1) },
@@ -96,7 +96,7 @@ impl From {
 pub(super) async fn reader(
     stream: &Stream,
     subjects: &str,
-    from: From,
+    from: Start,
     headers_only: bool,
 ) -> Result<Consumer<Config>, StreamError> {
     let config = Config {
@@ -133,7 +133,7 @@ enum Broken {
 pub(super) async fn each(
     stream: &Stream,
     subjects: &str,
-    from: From,
+    from: Start,
     headers_only: bool,
     mut on_message: impl FnMut(Incoming) -> Result<ControlFlow<()>, StreamError>,
 ) -> Result<(), StreamError> {
@@ -158,7 +158,7 @@ pub(super) async fn each(
 async fn read_on(
     stream: &Stream,
     subjects: &str,
-    next: &mut From,
+    next: &mut Start,
     headers_only: bool,
     mut on_message: impl FnMut(Incoming) -> Result<ControlFlow<()>, StreamError>,
 ) -> Result<(), Broken> {
@@ -178,7 +178,7 @@ async fn read_on(
             let message = message.map_err(failed)?;
             behind = message.info().map_err(failed)?.pending as usize;
             let message = Incoming::behind(&mut count, &message).map_err(Broken::Reader)?;
-            *next = From::Message(message.sequence + 1);
+            *next = Start::Message(message.sequence + 1);
             if on_message(message).map_err(Broken::Message)?.is_break() {
                 break 'all;
             }

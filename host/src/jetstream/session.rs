@@ -19,7 +19,7 @@ use super::error::StreamError;
 use super::follow::{Followed, IntervalResult};
 use super::ledger::{Arrived, Due, Ledger};
 use super::names;
-use super::reading::{From, Incoming, reader};
+use super::reading::{Incoming, Start, reader};
 use super::server::{ALIVE, Address, Server, entry};
 use super::share::is_own;
 use super::worker::WorkNews;
@@ -79,7 +79,7 @@ pub(super) async fn session(
     let server = Server::connect(address).await?;
     let (structures, workers) = (server.structures().await?, server.workers().await?);
     let data = &server.data;
-    let mut live = reader(data, names::ALL_DATA, From::Message(data.cached_info().state.last_sequence + 1), true)
+    let mut live = reader(data, names::ALL_DATA, Start::Message(data.cached_info().state.last_sequence + 1), true)
         .await?
         .stream()
         .heartbeat(HEARTBEAT)

@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use super::bundle::Bundle;
 use super::error::StreamError;
 use super::names;
-use super::reading::{From, each};
+use super::reading::{Start, each};
 use super::server::{Address, Server, entry};
 use crate::identify::Identification;
 use crate::results::{MODES_FILE, REFERENCE_FILE, Results};
@@ -144,7 +144,7 @@ pub(super) async fn study_of(server: &Server, key: &str) -> Result<Bundle, Strea
     // Not by `get`, which reads by a consumer on one server: it may be a dead one.
     let (stream, chunks) = server.chunks(&info.nuid).await?;
     let mut bytes = Vec::new();
-    each(&stream, &chunks, From::Message(1), false, |chunk| {
+    each(&stream, &chunks, Start::Message(1), false, |chunk| {
         bytes.extend_from_slice(&chunk.payload);
         Ok(ControlFlow::Continue(()))
     })

@@ -89,33 +89,41 @@ pub struct Delivered {
     pub refused: Vec<NotifyError>,
 }
 
-/// Lines of `alarms.jsonl` that each destination has got; `None` of one that there was not yet.
+/// How far each destination came; `None` of one that there was not yet.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default)]
 struct Told {
-    command: Option<usize>,
-    email: Option<usize>,
-    mqtt: Option<usize>,
-    /// Lines before those that each destination has failed at.
-    missed: Missed,
+    command: Option<Mark>,
+    email: Option<Mark>,
+    mqtt: Option<Mark>,
 }
 
-/// Lines that a destination has failed at, although it took a later one.
+/// How far a destination came in `alarms.jsonl`.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(default)]
-struct Missed {
-    command: BTreeSet<usize>,
-    email: BTreeSet<usize>,
-    mqtt: BTreeSet<usize>,
+struct Mark {
+    /// The last line that it has got.
+    line: usize,
+    /// Lines before that one that it has failed at.
+    missed: BTreeSet<usize>,
 }
 
 impl Told {
     /// The first line that anyone waits for.
     fn first_waiting(&self) -> Option<usize> {
-        let Missed { command, email, mqtt } = &self.missed;
-        let missed = [command, email, mqtt].into_iter().filter_map(BTreeSet::first).copied();
-        let next = [self.command, self.email, self.mqtt].into_iter().flatten().map(|done| done + 1);
-        missed.chain(next).min()
+        [&self.command, &self.email, &self.mqtt].into_iter().flatten().map(Mark::first_waiting).min()
+    }
+}
+
+impl Mark {
+    fn first_waiting(&self) -> usize {
+        self.missed.first().copied().unwrap_or(self.line + 1)
+    }
+
+    /// The same in a file that has no lines behind `last`: it may have been begun anew.
+    fn within(mut self, last: usize) -> Self {
+        self.line = self.line.min(last);
+        self.missed.retain(|line| *line <= last);
+        self
     }
 }
 
@@ -138,20 +146,29 @@ impl<'a> Notifier<'a> {
     /// When the files of results cannot be read or written.
     pub fn begin(&self) -> Result<(), ResultsError> {
         let results = Results::of(self.study);
-        let before = told(&results)?;
-        let last = results.lines::<WatchEvent>(ALARMS_FILE)?.objects.last().map_or(0, |(line, _)| *line);
-        let now = |told: Option<usize>, is_there: bool| is_there.then_some(told.unwrap_or(last).min(last));
-        let after = Told {
-            // A watch without the command may run beside one with it, whose events wait.
-            command: if self.hook.is_some() { now(before.command, true) } else { before.command },
-            email: now(before.email, self.study.alarms.email.is_some()),
-            mqtt: now(before.mqtt, self.study.alarms.mqtt.is_some()),
-            missed: before.missed.clone(),
+        let beginning = || -> Result<(Told, Told), ResultsError> {
+            let before = told(&results)?;
+            let last = results.lines::<WatchEvent>(ALARMS_FILE)?.objects.last().map_or(0, |(line, _)| *line);
+            let now = |mark: &Option<Mark>, is_there: bool| {
+                let new = || Mark { line: last, ..Mark::default() };
+                is_there.then(|| mark.clone().unwrap_or_else(new).within(last))
+            };
+            let after = Told {
+                // A watch without the command may run beside one with it, whose events wait.
+                command: if self.hook.is_some() { now(&before.command, true) } else { before.command.clone() },
+                email: now(&before.email, self.study.alarms.email.is_some()),
+                mqtt: now(&before.mqtt, self.study.alarms.mqtt.is_some()),
+            };
+            Ok((before, after))
         };
-        if before != after {
-            results.make_ready()?;
+        let (before, after) = beginning()?;
+        if before == after {
+            return Ok(());
         }
-        write(&results, &before, &after)
+        results.make_ready()?;
+        // What another watch has told meanwhile stays told.
+        let _lock = lock(&results)?;
+        write(&results, &beginning()?.1)
     }
 
     /// Gives every destination the events that it has not got yet. It waits for another watch that does so.
@@ -163,9 +180,7 @@ impl<'a> Notifier<'a> {
         if told(&results)?.first_waiting().is_none() {
             return Ok(Delivered::default());
         }
-        let lock = results.path(LOCK_FILE);
-        let locked = open_lock(&lock).and_then(|file| FolderLock::on(file, || {}));
-        let _lock = locked.map_err(|source| ResultsError::Write { file: lock, source })?;
+        let _lock = lock(&results)?;
         let before = told(&results)?;
         let Some(first) = before.first_waiting() else { return Ok(Delivered::default()) };
         let lines = results.lines::<WatchEvent>(ALARMS_FILE)?;
@@ -182,16 +197,16 @@ impl<'a> Notifier<'a> {
         let mut queue = Queue { results: &results, notices, told: before, delivered: Delivered::default() };
         if let Some(email) = &self.study.alarms.email {
             let send = |notice: &Notice| email::send(email, folder, &self.study.structure.name, notice);
-            queue.give(|told| (&mut told.email, &mut told.missed.email), send)?;
+            queue.give(|told| &mut told.email, send)?;
         }
         if let Some(mqtt) = &self.study.alarms.mqtt {
             let send = |notice: &Notice| mqtt::publish(mqtt, folder, notice).map(|()| Vec::new());
-            queue.give(|told| (&mut told.mqtt, &mut told.missed.mqtt), send)?;
+            queue.give(|told| &mut told.mqtt, send)?;
         }
         // Last: it may take its time.
         if let Some(hook) = self.hook {
             let send = |notice: &Notice| hook.run(notice).map(|()| Vec::new());
-            queue.give(|told| (&mut told.command, &mut told.missed.command), send)?;
+            queue.give(|told| &mut told.command, send)?;
         }
         Ok(queue.delivered)
     }
@@ -212,11 +227,10 @@ impl Queue<'_> {
     /// that as well, nothing is to be expected of it now.
     fn give(
         &mut self,
-        of: fn(&mut Told) -> (&mut Option<usize>, &mut BTreeSet<usize>),
+        of: fn(&mut Told) -> &mut Option<Mark>,
         send: impl Fn(&Notice) -> Result<Vec<NotifyError>, NotifyError>,
     ) -> Result<(), ResultsError> {
-        let (done, missed) = of(&mut self.told);
-        let (Some(done), missed) = (*done, missed.clone()) else { return Ok(()) };
+        let Some(Mark { line: done, missed }) = of(&mut self.told).clone() else { return Ok(()) };
         let new = self.notices.iter().filter(|(line, _)| *line > done);
         let again = self.notices.iter().filter(|(line, _)| missed.contains(line));
         let (mut failed, mut failures) = (None, Vec::new());
@@ -231,14 +245,14 @@ impl Queue<'_> {
                     continue;
                 }
             }
-            let before = self.told.clone();
-            let (done, missed) = of(&mut self.told);
-            missed.remove(line);
-            if done.is_some_and(|done| *line > done) {
-                *done = Some(*line);
-                missed.extend(failed.take());
+            if let Some(mark) = of(&mut self.told) {
+                mark.missed.remove(line);
+                if *line > done {
+                    mark.line = *line;
+                    mark.missed.extend(failed.take());
+                }
             }
-            write(self.results, &before, &self.told)?;
+            write(self.results, &self.told)?;
         }
         // One of them says what is wrong with the destination.
         self.delivered.failures.extend(failures.into_iter().next());
@@ -250,8 +264,15 @@ fn told(results: &Results) -> Result<Told, ResultsError> {
     Ok(results.read_json(TOLD_FILE, "watch")?.unwrap_or_default())
 }
 
-fn write(results: &Results, before: &Told, after: &Told) -> Result<(), ResultsError> {
-    if before == after { Ok(()) } else { results.write_json_short(TOLD_FILE, after).map(drop) }
+fn write(results: &Results, told: &Told) -> Result<(), ResultsError> {
+    results.write_json_short(TOLD_FILE, told).map(drop)
+}
+
+/// Waits until no other watch sends, or notes who has got what.
+fn lock(results: &Results) -> Result<FolderLock, ResultsError> {
+    let file = results.path(LOCK_FILE);
+    let locked = open_lock(&file).and_then(|file| FolderLock::on(file, || {}));
+    locked.map_err(|source| ResultsError::Write { file, source })
 }
 
 /// The password in a file: its first line.
@@ -292,23 +313,40 @@ mod tests {
                 got.borrow_mut().push(notice.words.clone());
                 Ok(Vec::new())
             };
-            queue.give(|told| (&mut told.command, &mut told.missed.command), send).unwrap();
-            let left = told(&results).unwrap();
-            (queue.delivered.failures.len(), left.command, left.missed.command.into_iter().collect::<Vec<_>>())
+            queue.give(|told| &mut told.command, send).unwrap();
+            let left = told(&results).unwrap().command.unwrap();
+            (queue.delivered.failures.len(), left.line, left.missed.into_iter().collect::<Vec<_>>())
         };
-        write(&results, &Told::default(), &Told { command: Some(0), ..Told::default() }).unwrap();
+        write(&results, &Told { command: Some(Mark::default()), ..Told::default() }).unwrap();
         // It fails at the second.
-        assert_eq!(give(1, 4, &["2"]), (1, Some(4), vec![2]));
+        assert_eq!(give(1, 4, &["2"]), (1, 4, vec![2]));
         assert_eq!(got.take(), ["1", "3", "4"]);
         // It still does, and takes what is new.
-        assert_eq!(give(2, 5, &["2"]), (1, Some(5), vec![2]));
+        assert_eq!(give(2, 5, &["2"]), (1, 5, vec![2]));
         assert_eq!(got.take(), ["5"]);
         // It is away: nothing is lost, and it is not tried at every event.
-        assert_eq!(give(2, 9, &["2", "6", "7", "8", "9"]), (1, Some(5), vec![2]));
+        assert_eq!(give(2, 9, &["2", "6", "7", "8", "9"]), (1, 5, vec![2]));
         assert!(got.take().is_empty());
         assert_eq!(told(&results).unwrap().first_waiting(), Some(2));
-        assert_eq!(give(2, 9, &[]), (0, Some(9), vec![]));
+        assert_eq!(give(2, 9, &[]), (0, 9, vec![]));
         assert_eq!(got.take(), ["6", "7", "8", "9", "2"]);
         assert_eq!(told(&results).unwrap().first_waiting(), Some(10));
+    }
+
+    #[test]
+    fn a_destination_that_is_gone_or_a_file_that_is_begun_anew_leaves_nothing_to_catch_up_on() {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::write(folder.path().join("study.toml"), template::CANTON_STUDY).unwrap();
+        let study = Study::load(folder.path()).unwrap();
+        let results = Results::of(&study);
+        results.make_ready().unwrap();
+        let mark = Mark { line: 9, missed: BTreeSet::from([4]) };
+        write(&results, &Told { command: Some(mark.clone()), email: Some(mark.clone()), mqtt: None }).unwrap();
+        // The study names no mail server, and there is no file of alarms any more; a watch without the command leaves that as it is.
+        Notifier::new(&study, None).begin().unwrap();
+        assert_eq!(told(&results).unwrap(), Told { command: Some(mark), ..Told::default() });
+        let hook = Hook::parse("true").unwrap();
+        Notifier::new(&study, Some(&hook)).begin().unwrap();
+        assert_eq!(told(&results).unwrap(), Told { command: Some(Mark::default()), ..Told::default() });
     }
 }

@@ -3,7 +3,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::thread;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
@@ -57,10 +57,14 @@ fn results(server: &NatsServer) -> Vec<Value> {
     results.map(|message| serde_json::from_slice(&message.payload).unwrap()).collect()
 }
 
-fn worker(bench: &LiveBench, server: &NatsServer, more: &[&str]) -> Child {
+fn work(server: &NatsServer, more: &[&str]) -> Command {
     let mut command = belfry_command();
     command.args(["work", "--from", &server.url()]).args(more);
-    bench.spawn(command)
+    command
+}
+
+fn worker(bench: &LiveBench, server: &NatsServer, more: &[&str]) -> Child {
+    bench.spawn(work(server, more))
 }
 
 /// Identifies the modes of what has come and has them followed.
@@ -256,12 +260,19 @@ fn nothing_is_lost_or_doubled_in_a_hundred_kills() {
 /// Interval, windows, mode and frequency in Hz.
 type Row = (i64, i64, i64, Option<f64>);
 
+/// Parquet files of a structure, the oldest day first; none before there is a folder.
+fn tables_of(folder: &Path, structure: &str) -> Vec<PathBuf> {
+    let files = fs::read_dir(folder.join(structure)).into_iter().flatten().map(|entry| entry.unwrap().path());
+    let mut files: Vec<PathBuf> =
+        files.filter(|file| file.extension().is_some_and(|ending| ending == "parquet")).collect();
+    files.sort();
+    files
+}
+
 /// Rows of all Parquet files of a structure.
 fn rows(folder: &Path, structure: &str) -> Vec<Row> {
-    let mut files: Vec<_> = fs::read_dir(folder.join(structure)).unwrap().map(|entry| entry.unwrap().path()).collect();
-    files.sort();
     let mut rows = Vec::new();
-    for file in files.iter().filter(|file| file.extension().is_some_and(|ending| ending == "parquet")) {
+    for file in tables_of(folder, structure) {
         let reader = SerializedFileReader::new(fs::File::open(file).unwrap()).unwrap();
         for row in reader.get_row_iter(None).unwrap() {
             let row = row.unwrap();
@@ -369,22 +380,15 @@ fn what_a_clock_ahead_sends_is_told_and_left_out_and_days_that_were_left_unfinis
     add(4);
     let folder = tempfile::tempdir().unwrap();
     let tables = folder.path().join("tables");
-    let days = || {
-        let files = fs::read_dir(tables.join("Tower-0")).into_iter().flatten();
-        let mut names: Vec<String> = files.map(|file| file.unwrap().file_name().into_string().unwrap()).collect();
-        names.retain(|name| name.ends_with(".parquet"));
-        names.sort();
-        names
-    };
-    let work = |wanted: usize| {
-        let mut command = belfry_command();
-        command.args(["work", "--from", &server.url(), "--parquet", tables.to_str().unwrap()]);
+    let days = || tables_of(&tables, "Tower-0");
+    let work = || {
+        let mut command = work(&server, &["--parquet", tables.to_str().unwrap()]);
         let worker = command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
         wait_until("the results", || results().len() >= 7);
-        wait_until("the files", || days().len() >= wanted);
+        wait_until("the files", || days().len() >= 5);
         kill(worker);
     };
-    work(5);
+    work();
     let counts: Vec<i64> = results().iter().map(|result| result["interval"].as_i64().unwrap()).collect();
     // 2023-11-14 from 22:00 on.
     assert_eq!(counts[3..], [472_222, 472_223, 472_224, 472_225]);
@@ -392,16 +396,17 @@ fn what_a_clock_ahead_sends_is_told_and_left_out_and_days_that_were_left_unfinis
         result["warnings"].to_string().contains("1 messages are left out, whose time was more than 15 min ahead")
     };
     assert_eq!(results().iter().filter(|result| told(result)).count(), 1, "{:?}", results());
-    let (whole, names) = (rows(&tables, "Tower-0"), days());
+    let (whole, files) = (rows(&tables, "Tower-0"), days());
     assert_eq!(
-        names,
-        ["2023-11-10", "2023-11-11", "2023-11-12", "2023-11-14", "2023-11-15"].map(|day| format!("{day}.parquet"))
+        files,
+        ["2023-11-10", "2023-11-11", "2023-11-12", "2023-11-14", "2023-11-15"]
+            .map(|day| tables.join("Tower-0").join(format!("{day}.parquet")))
     );
     // A worker that was killed on the second day and comes back on the sixth.
-    for name in &names[2..] {
-        fs::remove_file(tables.join("Tower-0").join(name)).unwrap();
+    for file in &files[2..] {
+        fs::remove_file(file).unwrap();
     }
-    fs::copy(tables.join("Tower-0").join(&names[0]), tables.join("Tower-0").join(&names[1])).unwrap();
-    work(5);
+    fs::copy(&files[0], &files[1]).unwrap();
+    work();
     assert_eq!(rows(&tables, "Tower-0"), whole);
 }
