@@ -26,6 +26,7 @@ pub mod diagnose;
 pub mod export;
 pub mod files;
 pub mod fleet;
+mod hash;
 pub mod heartbeats;
 pub mod identify;
 pub mod jetstream;

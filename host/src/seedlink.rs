@@ -1,10 +1,10 @@
 //! Recordings of existing accelerometer networks, live: a SeedLink server (version 3) sends miniSEED records of 512 bytes, and each goes to the file of its
 //! channel and day, where a setup's `files` find it as they find any recording.
 //!
-//! How far each station came stands in `seedlink.json`. A connection that breaks is made again behind the last record. What the file says may lie behind what
+//! How far each station came stands in `seedlink.json`. A connection that breaks is made again at the last record. What the file says may lie behind what
 //! is on the disk, never before it: records that come again are known by their bytes.
 
-use std::collections::{BTreeMap, BTreeSet, HashSet};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::fs::{self, File};
 use std::io::{self, ErrorKind, Read, Seek, SeekFrom, Write};
 use std::net::{TcpStream, ToSocketAddrs};
@@ -148,10 +148,10 @@ impl Channel {
 #[derive(Debug, Default, Clone, PartialEq, Eq, Serialize, Deserialize)]
 struct Position(BTreeMap<String, u32>);
 
-/// A file that records are appended to, and its newest ones.
+/// A file that records are appended to, and its newest ones, oldest first.
 struct Day {
     file: File,
-    newest: HashSet<Vec<u8>>,
+    newest: VecDeque<Vec<u8>>,
 }
 
 /// A client.
@@ -336,8 +336,9 @@ impl SeedLink {
             if selected == 0 {
                 continue;
             }
+            // From the last one on, which is known by its bytes: some servers begin at the number that is named, some behind it.
             let data = match self.position.0.get(&name) {
-                Some(last) => format!("DATA {:06X}", (last + 1) & 0xFF_FFFF),
+                Some(last) => format!("DATA {:06X}", last & 0xFF_FFFF),
                 None => "DATA".to_owned(),
             };
             if line.is_granted(&data)? {
@@ -389,12 +390,16 @@ impl SeedLink {
                 self.days.entry(path.clone()).or_insert(Day::open(&path).map_err(failed)?)
             }
         };
-        if !file.newest.remove(record) {
+        if !file.newest.iter().any(|one| one == record) {
             if let Err(error) = file.file.write_all(record) {
                 // Half of it may stand there: who opens the file again takes it off.
                 self.days.remove(&path);
                 return Err(failed(error));
             }
+            if file.newest.len() >= MAY_COME_AGAIN as usize {
+                file.newest.pop_front();
+            }
+            file.newest.push_back(record.to_vec());
             self.count += 1;
         }
         self.position.0.insert(station, sequence);
@@ -490,7 +495,8 @@ impl Line<'_> {
         self.say(words)?;
         match self.answer()?.as_str() {
             "OK" => Ok(true),
-            "ERROR" => Ok(false),
+            // Servers that speak version 4 as well say why.
+            said if said.split(' ').next() == Some("ERROR") => Ok(false),
             said => Err(SeedLinkError::Server {
                 server: self.server.to_owned(),
                 why: format!("it answers `{}` to `{words}`", said.escape_debug()),
@@ -546,6 +552,7 @@ mod tests {
                     let words: Vec<&str> = line.split(' ').collect();
                     let answer = match words[..] {
                         ["HELLO"] => "SeedLink v3.1\r\nof the tests\r\n",
+                        ["STATION", name, _] if name.starts_with("DAMXA") => "ERROR UNSUPPORTED no such station\r\n",
                         ["STATION", name, _] if name.starts_with("DAMX") => "ERROR\r\n",
                         ["STATION", name, _] => {
                             name.clone_into(&mut station);
@@ -626,7 +633,7 @@ mod tests {
         let heard = said.lock().unwrap().clone();
         assert_eq!(heard[0][..4], ["HELLO", "STATION DAMA CH", "SELECT 00HNZ", "DATA"]);
         // Thirteen of the one had come, twelve of the other.
-        assert_eq!([&heard[1][3], &heard[1][6]], ["DATA 00000D", "DATA 00000C"]);
+        assert_eq!([&heard[1][3], &heard[1][6]], ["DATA 00000C", "DATA 00000B"]);
         let file =
             |station: &str| fs::read(folder.path().join(format!("seis/CH.{station}.00.HNZ.2027-01-15.mseed"))).unwrap();
         let whole = |station: &str| (0..30).flat_map(|index| record(station, index)).collect::<Vec<u8>>();

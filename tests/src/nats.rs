@@ -1,28 +1,31 @@
 //! A NATS server with JetStream, as Debian packages it, on a port of this computer; and what stands in its streams, message by message.
 
+use std::collections::{BTreeMap, VecDeque};
 use std::fs;
 use std::io;
 use std::net::{TcpListener, TcpStream};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
+use std::sync::LazyLock;
+use std::sync::atomic::{AtomicU16, Ordering};
 use std::thread;
 use std::time::{Duration, Instant};
 
 use async_nats::jetstream;
-use async_nats::jetstream::ErrorCode;
-use async_nats::jetstream::context::{GetStreamError, GetStreamErrorKind};
 use base64::Engine as _;
 use base64::engine::general_purpose::URL_SAFE_NO_PAD;
 use nkeys::KeyPair;
 use serde_json::{Value, json};
+use tokio_stream::StreamExt;
 
 use super::post::Certificate;
 
 /// How long servers may take to start, and to elect one of them.
 const START: Duration = Duration::from_secs(60);
-/// The streams that Belfry makes, with those below its buckets.
-const STREAMS: [&str; 6] =
-    ["BELFRY", "BELFRY_RESULTS", "KV_belfry-structures", "KV_belfry-states", "KV_belfry-workers", "OBJ_belfry-studies"];
+/// How names of the streams begin that hold what gateways send.
+const DATA: &str = "BELFRY_";
+/// How those of what workers make of it do.
+const RESULTS: &str = "BELFRY_RESULTS_";
 
 /// A server, whose streams stand in a folder in memory. It ends with this.
 #[derive(Debug)]
@@ -50,12 +53,9 @@ async fn is_whole(client: &async_nats::Client, context: &jetstream::Context) -> 
     if said.is_none_or(|said| !said["error"].is_null()) {
         return false;
     }
-    for name in STREAMS {
-        let stream = match context.get_stream(name).await {
-            Ok(stream) => stream,
-            Err(error) if is_unknown(&error) => continue,
-            Err(_) => return false,
-        };
+    let Ok(names) = context.stream_names().collect::<Result<Vec<String>, _>>().await else { return false };
+    for name in names {
+        let Ok(stream) = context.get_stream(name).await else { return false };
         let cluster = stream.cached_info().cluster.as_ref();
         let is_current = cluster.is_none_or(|cluster| {
             cluster.leader.is_some() && cluster.replicas.iter().all(|peer| peer.current && !peer.offline)
@@ -163,10 +163,7 @@ impl NatsServer {
     }
 
     fn start_as(servers: usize, folder: tempfile::TempDir, secured: Option<Secured>) -> io::Result<Self> {
-        let listeners = (0..2 * servers).map(|_| TcpListener::bind("127.0.0.1:0")).collect::<io::Result<Vec<_>>>()?;
-        let ports: Vec<u16> =
-            listeners.iter().map(|one| one.local_addr().map(|address| address.port())).collect::<io::Result<_>>()?;
-        drop(listeners);
+        let ports: Vec<u16> = (0..2 * servers).map(|_| free_port()).collect::<io::Result<_>>()?;
         let children = (0..servers).map(|_| None).collect();
         let mut new = Self { folder, ports: ports.as_chunks::<2>().0.to_vec(), children, secured };
         for server in 0..servers {
@@ -266,16 +263,55 @@ impl NatsServer {
         super::live::cpu_s(child.id())
     }
 
-    /// How many messages a stream has.
+    /// How many results there are.
     ///
     /// # Errors
     /// When the server fails.
-    pub fn count(&self, stream: &str) -> Result<usize, Box<dyn std::error::Error>> {
+    pub fn count_results(&self) -> Result<usize, Box<dyn std::error::Error>> {
         block_on(async {
             let context = jetstream::new(self.connect().await?);
-            let stream = context.get_stream(stream).await?;
-            Ok(usize::try_from(stream.cached_info().state.messages)?)
+            let mut count = 0;
+            for stream in streams_of(&context, RESULTS).await? {
+                let mut subjects = stream.info_with_subjects("belfry.*.*.results").await?;
+                while let Some(subject) = subjects.next().await {
+                    count += subject?.1;
+                }
+            }
+            Ok(count)
         })
+    }
+
+    /// How many copies each stream has, and each bucket, by its name.
+    ///
+    /// # Errors
+    /// When the server fails.
+    pub fn replicas(&self) -> Result<BTreeMap<String, usize>, Box<dyn std::error::Error>> {
+        block_on(async {
+            let context = jetstream::new(self.connect().await?);
+            let names = context.stream_names().collect::<Result<Vec<String>, _>>().await?;
+            let mut replicas = BTreeMap::new();
+            for name in names {
+                let config = context.get_stream(&name).await?.cached_info().config.clone();
+                replicas.insert(name, config.num_replicas);
+            }
+            Ok(replicas)
+        })
+    }
+
+    /// Bytes on the first server's disk of what gateways have sent, and of what workers have made of it.
+    ///
+    /// # Errors
+    /// When its folder cannot be read.
+    pub fn stored_bytes(&self) -> io::Result<[u64; 2]> {
+        let mut bytes = [0; 2];
+        for entry in fs::read_dir(self.folder().join("store0/jetstream/$G/streams"))? {
+            let (name, path) = entry.map(|entry| (entry.file_name(), entry.path()))?;
+            let name = name.to_string_lossy();
+            if let Some(of) = [DATA, RESULTS].iter().position(|kind| is_of(&name, kind)) {
+                bytes[of] += bytes_below(&path)?;
+            }
+        }
+        Ok(bytes)
     }
 
     /// Puts an entry into a bucket.
@@ -295,48 +331,145 @@ impl NatsServer {
     /// # Errors
     /// When the server fails.
     pub fn publish(&self, message: StoredMessage, time_us: i64) -> Result<(), Box<dyn std::error::Error>> {
+        self.publish_all(vec![message], time_us)
+    }
+
+    /// Publishes messages of the same time, in this order.
+    ///
+    /// # Errors
+    /// When the server fails.
+    pub fn publish_all(&self, messages: Vec<StoredMessage>, time_us: i64) -> Result<(), Box<dyn std::error::Error>> {
         block_on(async {
-            let mut headers = async_nats::HeaderMap::new();
-            headers.insert("Nats-Msg-Id", message.id.as_str());
-            headers.insert("Belfry-Time", time_us.to_string().as_str());
             let context = jetstream::new(self.connect().await?);
-            context.publish_with_headers(message.subject, headers, message.payload.into()).await?.await?;
+            let mut waiting = VecDeque::new();
+            for message in messages {
+                let mut headers = async_nats::HeaderMap::new();
+                headers.insert("Nats-Msg-Id", message.id.as_str());
+                headers.insert("Belfry-Time", time_us.to_string().as_str());
+                waiting
+                    .push_back(context.publish_with_headers(message.subject, headers, message.payload.into()).await?);
+                if waiting.len() > 64
+                    && let Some(oldest) = waiting.pop_front()
+                {
+                    oldest.await?;
+                }
+            }
+            for sent in waiting {
+                sent.await?;
+            }
             Ok(())
         })
     }
 
-    /// All messages of a stream, in its order; none where there is no such stream yet. It asks again where servers are busy electing one of them.
+    /// How many structures have been judged.
+    ///
+    /// # Errors
+    /// When the server fails.
+    pub fn count_judged(&self) -> Result<usize, Box<dyn std::error::Error>> {
+        block_on(async {
+            let context = jetstream::new(self.connect().await?);
+            let names = context.stream_names().collect::<Result<Vec<String>, _>>().await?;
+            let bucket = "KV_belfry-states";
+            if !names.iter().any(|name| name == bucket) {
+                return Ok(0);
+            }
+            Ok(usize::try_from(context.get_stream(bucket).await?.cached_info().state.messages)?)
+        })
+    }
+
+    /// All that gateways have sent, each part of the fleet in its order.
     ///
     /// # Errors
     /// When the servers do not answer for a while.
-    pub fn messages(&self, stream: &str) -> Result<Vec<StoredMessage>, Box<dyn std::error::Error>> {
+    pub fn data(&self) -> Result<Vec<StoredMessage>, Box<dyn std::error::Error>> {
+        self.messages(DATA)
+    }
+
+    /// All that workers have made of it, each part of the fleet in its order.
+    ///
+    /// # Errors
+    /// When the servers do not answer for a while.
+    pub fn results(&self) -> Result<Vec<StoredMessage>, Box<dyn std::error::Error>> {
+        self.messages(RESULTS)
+    }
+
+    /// All messages of streams of this kind. It asks again where servers are busy electing one of them.
+    fn messages(&self, kind: &str) -> Result<Vec<StoredMessage>, Box<dyn std::error::Error>> {
         let start = Instant::now();
         loop {
-            match block_on(self.messages_now(stream)) {
+            match block_on(self.messages_now(kind)) {
                 Err(_) if start.elapsed() < START => thread::sleep(Duration::from_millis(100)),
                 answer => return answer,
             }
         }
     }
 
-    async fn messages_now(&self, stream: &str) -> Result<Vec<StoredMessage>, Box<dyn std::error::Error>> {
+    async fn messages_now(&self, kind: &str) -> Result<Vec<StoredMessage>, Box<dyn std::error::Error>> {
         let context = jetstream::new(self.connect().await?);
-        let stream = match context.get_stream(stream).await {
-            Ok(stream) => stream,
-            Err(error) if is_unknown(&error) => return Ok(Vec::new()),
-            Err(error) => return Err(error.into()),
-        };
-        let state = stream.cached_info().state.clone();
         let mut messages = Vec::new();
-        // One that never had any counts from 0.
-        for sequence in state.first_sequence.max(1)..=state.last_sequence {
-            let message = stream.get_raw_message(sequence).await?;
-            let id = message.headers.get("Nats-Msg-Id").map(|id| id.as_str().to_owned()).unwrap_or_default();
-            let payload = message.payload.to_vec();
-            messages.push(StoredMessage { subject: message.subject.to_string(), id, payload });
+        for stream in streams_of(&context, kind).await? {
+            let state = stream.cached_info().state.clone();
+            // One that never had any counts from 0.
+            for sequence in state.first_sequence.max(1)..=state.last_sequence {
+                let message = stream.get_raw_message(sequence).await?;
+                let id = message.headers.get("Nats-Msg-Id").map(|id| id.as_str().to_owned()).unwrap_or_default();
+                let payload = message.payload.to_vec();
+                messages.push(StoredMessage { subject: message.subject.to_string(), id, payload });
+            }
         }
         Ok(messages)
     }
+}
+
+/// The streams of a kind, in the order of the fleet's parts.
+async fn streams_of(
+    context: &jetstream::Context,
+    kind: &str,
+) -> Result<Vec<jetstream::stream::Stream>, Box<dyn std::error::Error>> {
+    let mut names = context.stream_names().collect::<Result<Vec<String>, _>>().await?;
+    names.retain(|name| is_of(name, kind));
+    names.sort();
+    let mut streams = Vec::new();
+    for name in names {
+        streams.push(context.get_stream(name).await?);
+    }
+    Ok(streams)
+}
+
+/// Whether a stream is of a kind: its name ends with the number of a part.
+fn is_of(name: &str, kind: &str) -> bool {
+    name.strip_prefix(kind).is_some_and(|part| part.bytes().all(|byte| byte.is_ascii_digit()))
+}
+
+/// A port that no other server of this process gets, and no connection: those take theirs above, where a server that is killed for a while
+/// would not find its own again.
+///
+/// # Errors
+/// Where all are taken.
+pub fn free_port() -> io::Result<u16> {
+    const FIRST: u16 = 16_000;
+    const COUNT: u16 = 16_000;
+    static NEXT: LazyLock<AtomicU16> =
+        LazyLock::new(|| AtomicU16::new((u64::from(std::process::id()) * 7919 % u64::from(COUNT)) as u16));
+    for _ in 0..COUNT {
+        let port = FIRST + NEXT.fetch_add(1, Ordering::Relaxed) % COUNT;
+        if TcpListener::bind(("127.0.0.1", port)).is_ok() {
+            return Ok(port);
+        }
+    }
+    Err(io::Error::other("no port is free"))
+}
+
+/// Bytes of all files below a folder.
+fn bytes_below(folder: &Path) -> io::Result<u64> {
+    let mut bytes = 0;
+    for entry in fs::read_dir(folder)? {
+        let (path, kind) = (entry.as_ref().map(fs::DirEntry::path), entry.as_ref().map(fs::DirEntry::metadata));
+        let (Ok(path), Ok(kind)) = (path, kind) else { continue };
+        let kind = kind?;
+        bytes += if kind.is_dir() { bytes_below(&path)? } else { kind.len() };
+    }
+    Ok(bytes)
 }
 
 /// Waits for what a server answers.
@@ -344,11 +477,6 @@ fn block_on<T>(
     answer: impl Future<Output = Result<T, Box<dyn std::error::Error>>>,
 ) -> Result<T, Box<dyn std::error::Error>> {
     tokio::runtime::Builder::new_current_thread().enable_all().build()?.block_on(answer)
-}
-
-/// Whether the servers say that there is no such stream.
-fn is_unknown(error: &GetStreamError) -> bool {
-    matches!(error.kind(), GetStreamErrorKind::JetStream(said) if said.error_code() == ErrorCode::STREAM_NOT_FOUND)
 }
 
 impl Drop for NatsServer {

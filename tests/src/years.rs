@@ -5,7 +5,7 @@
 use std::fmt;
 use std::ops::Range;
 
-use belfry_host::watch::{Alarm, DAY_S, Judgement, SeenInterval, SeenMode, Settings, blocks, judge};
+use belfry_host::watch::{Alarm, DAY_S, JudgedBefore, Judgement, SeenInterval, SeenMode, Settings, blocks, judge};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
@@ -84,7 +84,7 @@ fn year(seed: u64, loss: f64) -> Year {
 }
 
 fn judged(intervals: &[SeenInterval]) -> Judgement {
-    judge(&blocks(intervals, &NUMBERS), &NUMBERS, &Settings::default(), Vec::new(), f64::NEG_INFINITY)
+    judge(&blocks(intervals, &NUMBERS), &NUMBERS, &Settings::default(), JudgedBefore::default())
 }
 
 /// What became of a year.

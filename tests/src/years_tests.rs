@@ -1,6 +1,7 @@
 //! Days and years of a structure that weather moves, with and without a change.
 
-use belfry_host::watch::{Standing, State};
+use belfry_host::watch::{JudgedBefore, Remembered, Standing, State};
+use serde_json::json;
 
 use super::*;
 
@@ -51,11 +52,32 @@ fn a_hundredth_of_the_stiffness_is_missed_within_a_week() {
 #[test]
 fn a_watch_that_goes_on_judges_as_one_that_saw_all() {
     let all = intervals(3, 110, Some((75.0, 0.01)));
-    let (mut alarms, mut until_s) = (Vec::new(), f64::NEG_INFINITY);
+    let (mut before, mut alarms) = (JudgedBefore::default(), Vec::new());
     for days in [30, 70, 77, 78, 82, 100, 110] {
         let blocks = blocks(&all[..24 * days], &NUMBERS);
-        let judgement = judge(&blocks, &NUMBERS, &Settings::default(), alarms, until_s);
-        (alarms, until_s) = (judgement.alarms, blocks.last().unwrap().time_s);
+        let with = |learned: Option<Remembered>| {
+            judge(&blocks, &NUMBERS, &Settings::default(), JudgedBefore { learned, ..before.clone() })
+        };
+        let (judgement, anew) = (with(before.learned.clone()), with(None));
+        // What is remembered changes little but the time that it takes: levels of vibration are about the mean of all days, and it was another mean.
+        let standing = |alarms: &[Alarm]| alarms.iter().map(|one| (one.first_day_s, one.state)).collect::<Vec<_>>();
+        assert_eq!(standing(&judgement.alarms), standing(&anew.alarms));
+        assert!(
+            (judgement.log_evidence.unwrap() - anew.log_evidence.unwrap()).abs()
+                < 0.02 * anew.log_evidence.unwrap().abs().max(1.0)
+        );
+        if days == 78 {
+            // It is used where days are the same, and then alone.
+            let mut other = serde_json::to_value(&before.learned).unwrap();
+            other["sizes"][0][0] = json!(other["sizes"][0][0].as_f64().unwrap() + 1.0);
+            let changed = with(serde_json::from_value(other.clone()).unwrap()).log_evidence;
+            assert!((changed.unwrap() - anew.log_evidence.unwrap()).abs() > 0.1);
+            other["fingerprint"] = json!(1);
+            assert_eq!(with(serde_json::from_value(other).unwrap()).log_evidence, anew.log_evidence);
+        }
+        alarms.clone_from(&judgement.alarms);
+        let until_s = blocks.last().map(|block| block.time_s);
+        before = JudgedBefore { until_s, alarms: judgement.alarms, learned: judgement.learned };
     }
     let at_once = judged(&all).alarms;
     assert_eq!((alarms.len(), at_once.len()), (1, 1));
@@ -79,7 +101,16 @@ fn days_of_frost_are_left_out() {
     assert!(judgement.frost_days > 20, "{}", judgement.frost_days);
     assert!(judgement.alarms.is_empty(), "{:?}", judgement.alarms);
     let of_all = Settings { frost_below_degc: None, ..Settings::default() };
-    assert_eq!(judge(&blocks(&winter[..1200], &NUMBERS), &NUMBERS, &of_all, Vec::new(), 0.0).frost_days, 0);
+    assert_eq!(
+        judge(
+            &blocks(&winter[..1200], &NUMBERS),
+            &NUMBERS,
+            &of_all,
+            JudgedBefore { until_s: Some(0.0), ..JudgedBefore::default() }
+        )
+        .frost_days,
+        0
+    );
 }
 
 #[test]

@@ -4,7 +4,7 @@ use faer::diag::Diag;
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::evd::{ComputeEigenvectors, SelfAdjointEvdParams, self_adjoint_evd, self_adjoint_evd_scratch};
 use faer::linalg::matmul::matmul;
-use faer::linalg::solvers::{Eigen, Llt, Svd};
+use faer::linalg::solvers::{DenseSolveCore, Eigen, Llt, Solve, Svd};
 use faer::linalg::triangular_solve::{solve_lower_triangular_in_place, solve_upper_triangular_in_place};
 use faer::{Accum, Mat, MatMut, MatRef, Par, Side, Spec};
 use nalgebra::{Complex, DMatrix, DVector};
@@ -103,6 +103,22 @@ impl CholeskyFactor {
         is_sound.then_some(Self(factor))
     }
 
+    /// The logarithm of the determinant of L.
+    pub fn log_volume(&self) -> f64 {
+        self.0.L().diagonal().column_vector().iter().map(|value| value.ln()).sum()
+    }
+
+    /// The solution x of `L Lᵀ x = right`.
+    pub fn solve(&self, right: &DVector<f64>) -> DVector<f64> {
+        let solved = self.0.solve(MatRef::from_column_major_slice(right.as_slice(), right.len(), 1));
+        DVector::from_iterator(right.len(), solved.col(0).iter().copied())
+    }
+
+    /// The inverse of `L Lᵀ`.
+    pub fn inverse(&self) -> DMatrix<f64> {
+        from_solver(self.0.inverse().as_ref())
+    }
+
     /// Solves `other x = value (L Lᵀ) x`: values, ascending, and vectors with `xᵀ L Lᵀ x = 1` (Golub and Van Loan, "Matrix
     /// Computations", section 8.7); `None` where the iteration does not converge. Motions that nothing couples, such as torsion
     /// and bending of a mast without eccentric masses, are solved each on their own: a third of the rows is a 27th of the work.
@@ -179,4 +195,24 @@ fn symmetric_eigen(matrix: MatRef<'_, f64>) -> Option<(Vec<f64>, Mat<f64>)> {
     let stack = MemStack::new(&mut memory);
     self_adjoint_evd(matrix, values.as_mut(), Some(vectors.as_mut()), par, stack, params).ok()?;
     Some((values.column_vector().iter().copied().collect(), vectors))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_factor_solves_inverts_and_has_the_volume() {
+        // Its determinant is 11.
+        let factor = CholeskyFactor::of(&DMatrix::from_row_slice(2, 2, &[4.0, 1.0, 1.0, 3.0]), 0.0).unwrap();
+        let near = |a: f64, b: f64| assert!((a - b).abs() < 1e-14, "{a} {b}");
+        near(factor.log_volume(), 0.5 * 11.0_f64.ln());
+        let solved = factor.solve(&DVector::from_row_slice(&[1.0, 2.0]));
+        near(solved[0], 1.0 / 11.0);
+        near(solved[1], 7.0 / 11.0);
+        let inverse = factor.inverse();
+        for (at, value) in [((0, 0), 3.0), ((0, 1), -1.0), ((1, 0), -1.0), ((1, 1), 4.0)] {
+            near(inverse[at], value / 11.0);
+        }
+    }
 }

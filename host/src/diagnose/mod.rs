@@ -76,6 +76,7 @@ pub mod steps;
 pub(crate) mod testing;
 #[cfg(test)]
 mod tests;
+mod uncounted;
 mod verdict;
 
 pub use candidates::Options;

@@ -60,7 +60,7 @@ fn is_good_as_it_is(present: &Fit, gain: f64) -> bool {
 }
 
 /// Best first.
-fn sort(found: &mut [Found]) {
+pub(super) fn sort(found: &mut [Found]) {
     found.sort_by(|a, b| b.log_bayes_factor.total_cmp(&a.log_bayes_factor));
 }
 
@@ -114,7 +114,7 @@ impl Problem {
     ///
     /// All of it with the discrepancy that the best leaves, as long as a model of the right kind can miss as much: at first what the kinds
     /// that promise most leave by a first look. In the end the present model and each effect are weighed with what suits each best.
-    pub(super) fn search(&self, present: &Fit, options: &Options) -> Searched {
+    pub(super) fn search_among(&self, present: &Fit, options: &Options) -> Searched {
         let given = self.without_scatter(present).ok();
         let sightings = self.sightings(present, given.as_ref(), &|fit| self.all_candidates(fit, options));
         let (mut anew, looks) = self.first_look(present, &sightings);

@@ -30,7 +30,8 @@ impl DayTable {
         fs::create_dir_all(&folder).map_err(|source| StreamError::File { file: folder.clone(), source })?;
         let unsure = last_but_one(&folder).map_err(|source| StreamError::File { file: folder.clone(), source })?;
         let mut table = Self { folder, day: i64::MIN, results: Vec::new() };
-        each(&server.results, &names::results(key), Start::Message(1), false, |message| {
+        let results = server.streams_of(key).await?.results;
+        each(&results, &names::results(key), Start::Message(1), false, |message| {
             let Ok(result) = serde_json::from_slice::<IntervalResult>(&message.payload) else {
                 return Ok(ControlFlow::Continue(()));
             };

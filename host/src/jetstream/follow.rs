@@ -20,7 +20,7 @@ use super::error::StreamError;
 use super::ledger::{Due, Ledger};
 use super::names::{self, DataKind};
 use super::reading::{Incoming, Start, each};
-use super::server::{Server, entry, id_of, newest};
+use super::server::{PartStreams, Server, entry, id_of, newest};
 use super::structure::{self, Structure};
 use crate::archive::{Archive, PackedWindow, TimeRange};
 use crate::fleet::FleetOptions;
@@ -86,6 +86,7 @@ pub(super) struct State {
 /// A structure.
 pub(super) struct Followed {
     key: String,
+    streams: PartStreams,
     pub(super) structure: Structure,
     /// What the study stands in.
     _folder: TempDir,
@@ -127,7 +128,8 @@ impl Followed {
         let odd = |why: &str| StreamError::Odd { what: format!("the study of {key}"), why: why.to_owned() };
         let reference: Option<Identification> = Results::of(&study).read_json(REFERENCE_FILE, "watch")?;
         let reference = reference.ok_or_else(|| odd("it has no modes"))?;
-        let last = newest(&server.results, &names::results(key)).await?;
+        let streams = server.streams_of(key).await?;
+        let last = newest(&streams.results, &names::results(key)).await?;
         let read = |last: &StreamMessage| StreamError::read(format!("the newest result of {key}"), &last.payload);
         let result: Option<IntervalResult> = last.as_ref().map(read).transpose()?;
         let entry = entry(&server.states().await?, key, "state").await?;
@@ -135,6 +137,7 @@ impl Followed {
         let state: Option<State> = entry.as_ref().map(read).transpose()?;
         Ok(Self {
             key: key.to_owned(),
+            streams,
             last_hz: result.as_ref().map_or_else(|| last_seen(&reference, &[]), |result| result.last_hz.clone()),
             done: result.as_ref().map(|result| result.interval),
             next: result.as_ref().map_or(1, |result| result.next),
@@ -152,10 +155,10 @@ impl Followed {
     }
 
     /// Reads what has come since the last result; the ledger of it, and the intervals that are over.
-    pub(super) async fn catch_up(&self, server: &Server) -> Result<(Ledger, Vec<Due>), StreamError> {
+    pub(super) async fn catch_up(&self) -> Result<(Ledger, Vec<Due>), StreamError> {
         let mut ledger = Ledger::new(self.structure.every_us(), &self.structure.nodes, self.done);
         let mut due = Vec::new();
-        each(&server.data, &names::data(&self.key), Start::Message(self.next), true, |message| {
+        each(&self.streams.data, &names::data(&self.key), Start::Message(self.next), true, |message| {
             if let Some((_, arrived)) = message.arrived() {
                 due.extend(ledger.take(arrived));
             }
@@ -187,7 +190,7 @@ impl Followed {
         let from_us = due.number.saturating_mul(every_us);
         let to_us = from_us.saturating_add(every_us);
         let mut material = Material { from_us, to_us, messages: Vec::new(), ahead: 0 };
-        each(&server.data, &names::data(&self.key), Start::Message(due.from), false, |message| {
+        each(&self.streams.data, &names::data(&self.key), Start::Message(due.from), false, |message| {
             let sequence = message.sequence;
             if sequence > due.to {
                 return Ok(ControlFlow::Break(()));
@@ -237,7 +240,7 @@ impl Followed {
             return Ok(Vec::new());
         };
         let mut intervals: Vec<SeenInterval> = Vec::new();
-        each(&server.results, &names::results(&self.key), Start::Message(1), false, |message| {
+        each(&self.streams.results, &names::results(&self.key), Start::Message(1), false, |message| {
             let result = serde_json::from_slice::<IntervalResult>(&message.payload);
             intervals.extend(result.ok().and_then(|result| result.seen));
             Ok(ControlFlow::Continue(()))
@@ -257,7 +260,7 @@ impl Followed {
         let mut state = State {
             day: Some(day),
             alarms: self.state.alarms,
-            watch: json!({"judged_until_s": until_s, "judgement": judgement, "causes": causes}),
+            watch: json!({"judged_until_s": until_s, "judgement": judgement, "causes": causes, "learned": judgement.learned}),
         };
         if !events.is_empty() {
             let alarms = Alarms { structure: self.key.clone(), day, events: events.clone() };
@@ -266,7 +269,7 @@ impl Followed {
             state.alarms = match published {
                 Some(sequence) => sequence,
                 // A worker that was killed before it could say so has published the same.
-                None => match newest(&server.results, &subject).await? {
+                None => match newest(&self.streams.results, &subject).await? {
                     Some(last) if id_of(&last) == Some(id.as_str()) => last.sequence,
                     _ => return Err(self.overtaken()),
                 },

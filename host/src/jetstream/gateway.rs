@@ -129,7 +129,7 @@ impl Publisher {
     /// Publishes until it is stopped.
     async fn publish(&mut self) -> Result<(), StreamError> {
         let server = Server::connect(&self.address).await?;
-        let stream = &server.data;
+        let stream = &server.streams_of(&self.structure).await?.data;
         let mut position = Position::read(&self.folder, &stream.cached_info().created.to_string())?;
         // It is made by the collection, which may be waiting for its disk.
         let archive = loop {

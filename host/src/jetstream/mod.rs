@@ -11,6 +11,7 @@ mod follow;
 mod gateway;
 mod heartbeats;
 mod ledger;
+mod listen;
 mod names;
 mod overview;
 mod position;

@@ -1,15 +1,12 @@
 //! What streams, buckets, subjects and headers are called.
 
+use std::fmt;
+
 use belfry_shared::message::WindowName;
 
-/// The stream of what gateways send.
-pub(super) const DATA: &str = "BELFRY";
-/// Its subjects: windows and heartbeats. A server before 2.10 gives readers no subjects that two of its patterns have together.
-pub(super) const DATA_SUBJECTS: [&str; 1] = ["belfry.*.*.*"];
-/// The stream of what workers make of it.
-pub(super) const RESULTS: &str = "BELFRY_RESULTS";
-/// Its subjects.
-pub(super) const RESULTS_SUBJECTS: [&str; 2] = ["belfry.*.results", "belfry.*.alarms"];
+/// Parts of a fleet. Each has streams of its own: a server goes through all that lies between the messages of a structure, and a stream for each
+/// structure would cost it more than the messages do.
+const PARTS: u32 = 128;
 /// The bucket of structures.
 pub(super) const STRUCTURES: &str = "belfry-structures";
 /// The bucket of what the judgement of each goes on from.
@@ -31,32 +28,68 @@ pub(super) fn token(structure: &str) -> String {
     if token.is_empty() { "-".to_owned() } else { token }
 }
 
+/// A part of a fleet.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub(super) struct Part(u32);
+
+impl Part {
+    /// The part that a structure is in: FNV-1a (32 bits) of its name as [`token`] writes it.
+    pub(super) fn of(structure: &str) -> Self {
+        let hash = |hash: u32, byte: u8| (hash ^ u32::from(byte)).wrapping_mul(0x0100_0193);
+        Self(structure.bytes().fold(0x811c_9dc5, hash) % PARTS)
+    }
+
+    /// The stream of what gateways send.
+    pub(super) fn data_stream(self) -> String {
+        format!("BELFRY_{self}")
+    }
+
+    /// Its subject: windows and heartbeats. One, for a server before 2.10 gives readers no subjects that two of its patterns have together.
+    pub(super) fn data(self) -> String {
+        format!("belfry.{self}.*.*.*")
+    }
+
+    /// The stream of what workers make of it.
+    pub(super) fn results_stream(self) -> String {
+        format!("BELFRY_RESULTS_{self}")
+    }
+
+    /// Its subjects.
+    pub(super) fn results(self) -> [String; 2] {
+        [format!("belfry.{self}.*.results"), format!("belfry.{self}.*.alarms")]
+    }
+}
+
+/// As names and subjects have it.
+impl fmt::Display for Part {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(formatter, "{:03}", self.0)
+    }
+}
+
 /// Where windows of a node go.
 pub(super) fn windows(structure: &str, node: u16) -> String {
-    format!("belfry.{structure}.windows.{node}")
+    format!("belfry.{}.{structure}.windows.{node}", Part::of(structure))
 }
 
 /// Where heartbeats of a node go.
 pub(super) fn heartbeats(structure: &str, node: u16) -> String {
-    format!("belfry.{structure}.heartbeats.{node}")
+    format!("belfry.{}.{structure}.heartbeats.{node}", Part::of(structure))
 }
 
 /// All that gateways send of a structure.
 pub(super) fn data(structure: &str) -> String {
-    format!("belfry.{structure}.*.*")
+    format!("belfry.{}.{structure}.*.*", Part::of(structure))
 }
-
-/// All that gateways send.
-pub(super) const ALL_DATA: &str = DATA_SUBJECTS[0];
 
 /// Where results of a structure go.
 pub(super) fn results(structure: &str) -> String {
-    format!("belfry.{structure}.results")
+    format!("belfry.{}.{structure}.results", Part::of(structure))
 }
 
 /// Where alarms of a structure go.
 pub(super) fn alarms(structure: &str) -> String {
-    format!("belfry.{structure}.alarms")
+    format!("belfry.{}.{structure}.alarms", Part::of(structure))
 }
 
 /// What makes a window one that the stream has already.
@@ -87,8 +120,8 @@ pub(super) enum DataKind {
 
 /// The structure and the kind of a message, by its subject; `None` for what is neither.
 pub(super) fn data_of(subject: &str) -> Option<(&str, DataKind)> {
-    let mut parts = subject.strip_prefix("belfry.")?.splitn(3, '.');
-    let (structure, kind, node) = (parts.next()?, parts.next()?, parts.next()?);
+    let mut tokens = subject.strip_prefix("belfry.")?.splitn(4, '.').skip(1);
+    let (structure, kind, node) = (tokens.next()?, tokens.next()?, tokens.next()?);
     let node = node.parse().ok()?;
     match kind {
         "windows" => Some((structure, DataKind::Window { node })),
@@ -107,11 +140,24 @@ mod tests {
         assert_eq!(tower, "Tower-7-b-S-d");
         assert_eq!(data_of(&windows(&tower, 12)), Some((tower.as_str(), DataKind::Window { node: 12 })));
         assert_eq!(data_of(&heartbeats("t", 3)), Some(("t", DataKind::Heartbeat)));
-        for other in [results("t"), alarms("t"), windows("t", 3) + ".4", "belfry.t.windows".to_owned()] {
+        for other in [results("t"), alarms("t"), windows("t", 3) + ".4", "belfry.000.t.windows".to_owned()] {
             assert_eq!(data_of(&other), None, "{other}");
         }
         let name = WindowName { node: 12, boot: u32::MAX, number: 7 };
         assert_eq!(window_of(&window_id(&tower, &name)), Some(name));
         assert_eq!(window_of("Tower-1-2"), None);
+    }
+
+    #[test]
+    fn parts_are_alike_and_stay_what_they_are() {
+        let mut sizes = std::collections::BTreeMap::new();
+        for number in 0..12_800 {
+            *sizes.entry(Part::of(&format!("Tower-{number}"))).or_insert(0) += 1;
+        }
+        assert_eq!(sizes.len(), PARTS as usize);
+        // Binomial: 100 with a deviation of 10.
+        assert!(sizes.values().all(|size| (60..140).contains(size)), "{sizes:?}");
+        // FNV-1a of "a" is e40c292c, of "foobar" bf9cf968 (Noll's list). What is on servers lies where these say.
+        assert_eq!(["a", "foobar"].map(|name| Part::of(name).to_string()), ["044", "104"]);
     }
 }

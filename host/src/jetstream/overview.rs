@@ -5,6 +5,7 @@ use std::ops::ControlFlow;
 use std::time::Duration;
 
 use async_nats::datetime::DateTime;
+use async_nats::jetstream::stream::Stream;
 use serde::Serialize;
 use serde_json::Value;
 use tokio::task::JoinSet;
@@ -176,14 +177,15 @@ impl Reader {
         }
         let Some(found) = row(server, key, now_s).await? else { return Ok(None) };
         let mut nodes_seen_s = BTreeMap::new();
+        let streams = server.streams_of(key).await?;
         for &node in &found.structure.nodes {
-            let seen = seen_s(server, &[names::windows(key, node), names::heartbeats(key, node)]).await?;
+            let seen = seen_s(&streams.data, &[names::windows(key, node), names::heartbeats(key, node)]).await?;
             nodes_seen_s.insert(node, seen);
         }
         let mut intervals = VecDeque::new();
         // After a year there are some MB of them.
         if let Some(newest) = found.newest_result {
-            each(&server.results, &names::results(key), Start::Time(newest - NEWEST), false, |message| {
+            each(&streams.results, &names::results(key), Start::Time(newest - NEWEST), false, |message| {
                 if intervals.len() == NEWEST_INTERVALS {
                     intervals.pop_front();
                 }
@@ -211,13 +213,14 @@ struct Found {
 /// A structure's row; `None` where it was not added.
 async fn row(server: &Server, key: &str, now_s: f64) -> Result<Option<Found>, StreamError> {
     let Some((structure, _)) = structure::read(server, key).await? else { return Ok(None) };
-    let last = newest(&server.results, &names::results(key)).await?;
+    let streams = server.streams_of(key).await?;
+    let last = newest(&streams.results, &names::results(key)).await?;
     let newest_result = last.as_ref().map(|last| last.time);
     let last = last.and_then(|last| serde_json::from_slice::<IntervalResult>(&last.payload).ok());
     let entry = entry(&server.states().await?, key, "state").await?;
     let judgement = entry.and_then(|entry| serde_json::from_slice::<State>(&entry.value).ok());
     let judgement = judgement.map_or(Value::Null, |mut state| state.watch["judgement"].take());
-    let last_data_s = seen_s(server, &[names::data(key)]).await?;
+    let last_data_s = seen_s(&streams.data, &[names::data(key)]).await?;
     let alarms = judgement["alarms"].as_array().cloned().unwrap_or_default();
     let troubled = last.iter().flat_map(|last| &last.nodes).filter(|node| !node.problems.is_empty());
     let words = |one: &OpenProblem| format!("{}: {}", one.problem, one.says);
@@ -251,10 +254,10 @@ async fn row(server: &Server, key: &str, now_s: f64) -> Result<Option<Found>, St
 }
 
 /// When the newest message of these subjects came, in s of Unix time.
-async fn seen_s(server: &Server, subjects: &[String]) -> Result<Option<f64>, StreamError> {
+async fn seen_s(data: &Stream, subjects: &[String]) -> Result<Option<f64>, StreamError> {
     let mut seen_s = None;
     for subject in subjects {
-        let last = newest(&server.data, subject).await?;
+        let last = newest(data, subject).await?;
         let time_s = last.map(|last| last.time.unix_timestamp_nanos() as f64 * 1e-9);
         seen_s = [seen_s, time_s].into_iter().flatten().reduce(f64::max);
     }

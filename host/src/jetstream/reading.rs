@@ -23,7 +23,7 @@ const FORGOTTEN: Duration = Duration::from_secs(30);
 /// How long the next message may take.
 const ANSWER: Duration = Duration::from_secs(5);
 /// How often a reader is made anew that brings nothing.
-const TRIES: usize = 3;
+pub(super) const TRIES: usize = 3;
 /// Data cannot be of later than when they came to the server, but for how far clocks are apart, in µs.
 const AHEAD_US: i64 = 900_000_000;
 

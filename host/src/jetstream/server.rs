@@ -1,9 +1,10 @@
 //! The connection to a server, and the streams and buckets that Belfry has there.
 
+use std::collections::BTreeMap;
 use std::fmt;
 use std::path::PathBuf;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use async_nats::jetstream::context::{PublishError, PublishErrorKind};
@@ -19,7 +20,7 @@ use bytes::Bytes;
 use url::Url;
 
 use super::error::StreamError;
-use super::names::{DATA, DATA_SUBJECTS, RESULTS, RESULTS_SUBJECTS, STATES, STRUCTURES, STUDIES, WORKERS};
+use super::names::{Part, STATES, STRUCTURES, STUDIES, WORKERS};
 use crate::link::with_cause;
 
 /// How long an answer is waited for.
@@ -77,22 +78,29 @@ impl fmt::Display for Address {
     }
 }
 
+/// The streams of a part of the fleet.
+#[derive(Clone)]
+pub(super) struct PartStreams {
+    /// What gateways send.
+    pub(super) data: Stream,
+    /// What workers make of it.
+    pub(super) results: Stream,
+}
+
 /// A connection.
 #[derive(Clone)]
 pub(super) struct Server {
     client: Client,
     context: Context,
     replicas: usize,
-    /// What gateways send.
-    pub(super) data: Stream,
-    /// What workers make of it.
-    pub(super) results: Stream,
+    /// Streams that were asked for.
+    parts: Arc<Mutex<BTreeMap<Part, PartStreams>>>,
     /// Whether the connection has been interrupted since it was made.
     interrupted: Arc<AtomicBool>,
 }
 
 impl Server {
-    /// Connects, and makes the streams that are not there yet.
+    /// Connects.
     pub(super) async fn connect(address: &Address) -> Result<Self, StreamError> {
         let failed = |why: String| StreamError::Connect { address: address.to_string(), why };
         let interrupted = Arc::new(AtomicBool::new(false));
@@ -122,10 +130,30 @@ impl Server {
         let client = options.connect(servers).await.map_err(|error| failed(with_cause(&error)))?;
         let mut context = jetstream::new(client.clone());
         context.set_timeout(ANSWER);
-        let replicas = address.replicas;
-        let data = stream(&context, config(DATA, &DATA_SUBJECTS, KEPT, replicas)).await?;
-        let results = stream(&context, config(RESULTS, &RESULTS_SUBJECTS, Duration::ZERO, replicas)).await?;
-        Ok(Self { client, context, replicas, data, results, interrupted })
+        let mut new = Self { client, context, replicas: address.replicas, parts: Arc::default(), interrupted };
+        // Everything has as many copies as what the first command of all has made.
+        new.replicas = new.structures().await?.stream.cached_info().config.num_replicas.max(1);
+        Ok(new)
+    }
+
+    /// The streams of a part; they are made where they are not there yet.
+    pub(super) async fn streams(&self, part: Part) -> Result<PartStreams, StreamError> {
+        let known = self.parts.lock().unwrap_or_else(PoisonError::into_inner).get(&part).cloned();
+        if let Some(streams) = known {
+            return Ok(streams);
+        }
+        let data = config(&part.data_stream(), &[&part.data()], KEPT, self.replicas);
+        let [results, alarms] = part.results();
+        let results = config(&part.results_stream(), &[&results, &alarms], Duration::ZERO, self.replicas);
+        let (data, results) = (stream(&self.context, data).await?, stream(&self.context, results).await?);
+        let streams = PartStreams { data, results };
+        self.parts.lock().unwrap_or_else(PoisonError::into_inner).insert(part, streams.clone());
+        Ok(streams)
+    }
+
+    /// The streams that a structure is in.
+    pub(super) async fn streams_of(&self, key: &str) -> Result<PartStreams, StreamError> {
+        self.streams(Part::of(key)).await
     }
 
     /// Fails where the connection has been interrupted: what was on its way to here may be lost.

@@ -1,7 +1,7 @@
 //! A worker's session: as long as its connection is whole. Everything begins anew with the next one, for all that counts is on the server.
 //!
-//! One loop reads the headers of all data that come, keeps the ledgers of its own structures, and hands intervals that are over to lanes. A lane is a
-//! task a core, and a structure is always in the same one, so that its intervals follow each other.
+//! One loop reads the headers of what comes in the parts that its structures are in, keeps their ledgers, and hands intervals that are over to lanes. A
+//! lane is a task a core, and a structure is always in the same one, so that its intervals follow each other.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -18,8 +18,9 @@ use tokio_stream::StreamExt;
 use super::error::StreamError;
 use super::follow::{Followed, IntervalResult};
 use super::ledger::{Arrived, Due, Ledger};
-use super::names;
-use super::reading::{Incoming, Start, reader};
+use super::listen::Listening;
+use super::names::Part;
+use super::reading::Incoming;
 use super::server::{ALIVE, Address, Server, entry};
 use super::share::is_own;
 use super::worker::WorkNews;
@@ -29,12 +30,8 @@ use crate::story::Event;
 const TICK: Duration = ALIVE.checked_div(5).expect("five is not zero");
 /// Time between looks whether it is to stop.
 const LOOK: Duration = Duration::from_millis(200);
-/// The server says so often that it is there when it has nothing to say.
-const HEARTBEAT: Duration = Duration::from_secs(2);
-/// How long it is waited for news, before they are asked for again.
-const EXPIRES: Duration = Duration::from_secs(10);
 
-/// What a lane is to do.
+/// What a lane is to do. Numbers are those of taking-over.
 enum Job {
     Take(String, u64),
     Interval(String, Due, Instant),
@@ -49,7 +46,7 @@ enum Outcome {
     Alarm(Box<Event>),
     /// A file of results cannot be written, and why.
     Untabulated(String),
-    Failed(String, StreamError),
+    Failed(String, u64, StreamError),
 }
 
 /// A structure of this worker.
@@ -63,6 +60,8 @@ enum Own {
 struct Held {
     /// The revision of its entry.
     revision: u64,
+    /// The number of its taking-over.
+    take: u64,
     /// `None` where it was refused.
     own: Option<Own>,
 }
@@ -78,15 +77,7 @@ pub(super) async fn session(
 ) -> Result<(), StreamError> {
     let server = Server::connect(address).await?;
     let (structures, workers) = (server.structures().await?, server.workers().await?);
-    let data = &server.data;
-    let mut live = reader(data, names::ALL_DATA, Start::Message(data.cached_info().state.last_sequence + 1), true)
-        .await?
-        .stream()
-        .heartbeat(HEARTBEAT)
-        .expires(EXPIRES)
-        .messages()
-        .await
-        .map_err(|error| StreamError::server("reading what comes")(error.into()))?;
+    let mut listening = Listening::new(&server);
     let (tell_outcome, mut outcomes) = unbounded_channel();
     let mut tasks = JoinSet::new();
     let lanes = std::thread::available_parallelism().map_or(1, usize::from);
@@ -97,32 +88,44 @@ pub(super) async fn session(
             send
         })
         .collect();
-    let mut share = Share { me, lanes, held: BTreeMap::new(), looked_at: 0, told: None };
-    let (mut count, mut tick) = (0, tokio::time::interval(TICK));
+    let mut share = Share { me, lanes, held: BTreeMap::new(), takes: 0, looked_at: 0, told: None };
+    put(&workers, me).await?;
+    // Whatever takes long meanwhile: who does not say that it is alive loses its structures.
+    let (of_me, its_workers) = (me.to_owned(), workers.clone());
+    let mut signs = JoinSet::new();
+    signs.spawn(async move {
+        loop {
+            tokio::time::sleep(TICK).await;
+            if let Err(error) = put(&its_workers, &of_me).await {
+                return error;
+            }
+        }
+    });
+    let mut tick = tokio::time::interval(TICK);
     let mut look = tokio::time::interval(LOOK);
     tick.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
     let mut is_first = true;
     loop {
         tokio::select! {
-            message = live.next() => {
-                let message = message.ok_or(StreamError::Gone)?.map_err(|error| StreamError::server("reading what comes")(error.into()))?;
-                share.take(&Incoming::behind(&mut count, &message)?);
-            }
+            message = listening.next() => share.take(&message?),
             outcome = outcomes.recv() => {
                 if let Some(outcome) = outcome {
                     share.note(outcome, tell)?;
                 }
             }
+            Some(ended) = signs.join_next() => {
+                return Err(ended.unwrap_or_else(|error| StreamError::server("saying that this worker is alive")(error.into())));
+            }
             _ = tick.tick() => {
                 server.is_whole()?;
-                put(&workers, me).await?;
-                share.look(&structures, &workers, tell).await?;
+                share.look([&structures, &workers], &mut listening, tell).await?;
                 if std::mem::take(&mut is_first) && let Some(after) = on_ready() {
                     tell(WorkNews::Back { after_s: after.as_secs_f64() });
                 }
             }
             _ = look.tick() => {
                 if stop.load(Ordering::Relaxed) {
+                    signs.abort_all();
                     // The others need not wait until it is no longer taken for alive.
                     let _ = workers.purge(me).await;
                     return Ok(());
@@ -167,6 +170,8 @@ struct Share<'a> {
     me: &'a str,
     lanes: Vec<UnboundedSender<Job>>,
     held: BTreeMap<String, Held>,
+    /// How often one was taken.
+    takes: u64,
     /// The newest change of the bucket of structures that was looked at.
     looked_at: u64,
     told: Option<(usize, usize, usize)>,
@@ -176,8 +181,8 @@ impl Share<'_> {
     /// Looks at who is alive and which structures there are, and takes or leaves some.
     async fn look(
         &mut self,
-        structures: &Store,
-        workers: &Store,
+        [structures, workers]: [&Store; 2],
+        listening: &mut Listening,
         tell: &mut dyn FnMut(WorkNews),
     ) -> Result<(), StreamError> {
         let info = structures.stream.get_info().await;
@@ -192,6 +197,8 @@ impl Share<'_> {
             self.held.remove(&key);
             self.send(&key, Job::Leave(key.clone()));
         }
+        // Before any is taken over: what comes meanwhile is not missed.
+        listening.listen_to(&own.iter().map(|key| Part::of(key)).collect()).await?;
         let counts = (own.len(), all.len(), alive.len());
         for key in own {
             // As long as the bucket has not changed, none of its entries has.
@@ -200,8 +207,10 @@ impl Share<'_> {
             }
             let Some(revision) = entry(structures, key, "entry").await?.map(|entry| entry.revision) else { continue };
             if self.held.get(key).is_none_or(|held| held.revision != revision) {
-                self.held.insert(key.clone(), Held { revision, own: Some(Own::Taking(Vec::new())) });
-                self.send(key, Job::Take(key.clone(), revision));
+                self.takes += 1;
+                let held = Held { revision, take: self.takes, own: Some(Own::Taking(Vec::new())) };
+                self.held.insert(key.clone(), held);
+                self.send(key, Job::Take(key.clone(), self.takes));
             }
         }
         self.looked_at = newest;
@@ -235,13 +244,18 @@ impl Share<'_> {
         }
     }
 
+    /// A structure, as long as it is held by this take: a lane may be behind with one that was left since, and taken anew.
+    fn held_by(&mut self, key: &str, take: u64) -> Option<&mut Held> {
+        self.held.get_mut(key).filter(|held| held.take == take)
+    }
+
     /// Takes note of what a lane has done.
     fn note(&mut self, outcome: Outcome, tell: &mut dyn FnMut(WorkNews)) -> Result<(), StreamError> {
         match outcome {
-            Outcome::Taken(key, revision, mut ledger) => {
-                let held = self.held.get_mut(&key).filter(|held| held.revision == revision);
-                let Some(held) = held else { return Ok(()) };
-                let Some(Own::Taking(meanwhile)) = held.own.take() else { return Ok(()) };
+            Outcome::Taken(key, take, mut ledger) => {
+                let Some(held) = self.held_by(&key, take) else { return Ok(()) };
+                let Some(Own::Taking(meanwhile)) = &mut held.own else { return Ok(()) };
+                let meanwhile = std::mem::take(meanwhile);
                 let due = meanwhile.into_iter().flat_map(|arrived| ledger.take(arrived)).collect();
                 held.own = Some(Own::Taken(ledger));
                 self.hand_over(&key, due);
@@ -250,14 +264,17 @@ impl Share<'_> {
             Outcome::Alarm(alarm) => tell(WorkNews::Alarm { alarm }),
             Outcome::Untabulated(reason) => tell(WorkNews::Unwritten { reason }),
             // It is taken anew, where it still is this worker's.
-            Outcome::Failed(key, StreamError::Overtaken { .. }) => drop(self.held.remove(&key)),
-            Outcome::Failed(_, error) if error.may_pass() && !matches!(error, StreamError::Odd { .. }) => {
+            Outcome::Failed(key, take, StreamError::Overtaken { .. }) => {
+                if self.held_by(&key, take).is_some() {
+                    self.held.remove(&key);
+                }
+            }
+            Outcome::Failed(_, _, error) if error.may_pass() && !matches!(error, StreamError::Odd { .. }) => {
                 return Err(error);
             }
-            Outcome::Failed(key, error) => {
-                if let Some(held) = self.held.get_mut(&key) {
-                    held.own = None;
-                }
+            Outcome::Failed(key, take, error) => {
+                let Some(held) = self.held_by(&key, take) else { return Ok(()) };
+                held.own = None;
                 tell(WorkNews::Refused { structure: key, reason: error.to_string() });
             }
         }
@@ -272,28 +289,28 @@ async fn lane(
     mut jobs: UnboundedReceiver<Job>,
     outcomes: UnboundedSender<Outcome>,
 ) {
-    let mut followed: BTreeMap<String, Followed> = BTreeMap::new();
+    let mut followed: BTreeMap<String, (u64, Followed)> = BTreeMap::new();
     while let Some(job) = jobs.recv().await {
-        let (key, done) = match job {
+        let (key, number, done) = match job {
             Job::Leave(key) => {
                 followed.remove(&key);
                 continue;
             }
-            Job::Take(key, revision) => {
+            Job::Take(key, number) => {
                 followed.remove(&key);
-                let taken = take(&server, &key, tables.clone(), revision, &outcomes).await;
-                (key.clone(), taken.map(|one| drop(followed.insert(key, one))))
+                let taken = take(&server, &key, tables.clone(), number, &outcomes).await;
+                (key.clone(), number, taken.map(|one| drop(followed.insert(key, (number, one)))))
             }
             Job::Interval(key, due, since) => {
                 // It was left, or has failed, since this was handed over.
-                let Some(one) = followed.get_mut(&key) else { continue };
+                let Some((number, one)) = followed.get_mut(&key) else { continue };
                 let done = interval(&server, one, due, since, &outcomes).await;
-                (key, done)
+                (key, *number, done)
             }
         };
         if let Err(error) = done {
             followed.remove(&key);
-            let _ = outcomes.send(Outcome::Failed(key, error));
+            let _ = outcomes.send(Outcome::Failed(key, number, error));
         }
     }
 }
@@ -303,19 +320,19 @@ async fn take(
     server: &Server,
     key: &str,
     tables: Option<Arc<PathBuf>>,
-    revision: u64,
+    number: u64,
     outcomes: &UnboundedSender<Outcome>,
 ) -> Result<Followed, StreamError> {
     let since = Instant::now();
     let mut one = Followed::take(server, key, tables).await?;
     tabulate(server, &mut one, None, outcomes).await?;
     judge(server, &mut one, outcomes).await?;
-    let (ledger, due) = one.catch_up(server).await?;
+    let (ledger, due) = one.catch_up().await?;
     for due in due {
         interval(server, &mut one, due, since, outcomes).await?;
     }
     // Nobody listens any more where the session is over.
-    let _ = outcomes.send(Outcome::Taken(key.to_owned(), revision, Box::new(ledger)));
+    let _ = outcomes.send(Outcome::Taken(key.to_owned(), number, Box::new(ledger)));
     Ok(one)
 }
 
@@ -353,4 +370,36 @@ async fn judge(server: &Server, one: &mut Followed, outcomes: &UnboundedSender<O
         let _ = outcomes.send(Outcome::Alarm(Box::new(alarm)));
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A lane that is behind tells of a structure that was left and is being taken anew: that is not what is waited for.
+    #[test]
+    fn what_an_earlier_take_has_done_is_not_taken_for_the_present_one() {
+        let mut share =
+            Share { me: "me", lanes: Vec::new(), held: BTreeMap::new(), takes: 2, looked_at: 0, told: None };
+        let own = Some(Own::Taking(Vec::new()));
+        share.held.insert("tower".to_owned(), Held { revision: 1, take: 2, own });
+        let ledger = || Box::new(Ledger::new(1, &[3], None));
+        let mut said = Vec::new();
+        let mut note = |share: &mut Share<'_>, outcome| share.note(outcome, &mut |news| said.push(news)).unwrap();
+        let is_waiting = |share: &Share<'_>| matches!(share.held["tower"].own, Some(Own::Taking(_)));
+        note(&mut share, Outcome::Taken("tower".to_owned(), 1, ledger()));
+        assert!(is_waiting(&share));
+        let odd = || StreamError::Odd { what: "a study".to_owned(), why: "it has no modes".to_owned() };
+        note(&mut share, Outcome::Failed("tower".to_owned(), 1, odd()));
+        note(
+            &mut share,
+            Outcome::Failed("tower".to_owned(), 1, StreamError::Overtaken { structure: "tower".to_owned() }),
+        );
+        assert!(is_waiting(&share));
+        note(&mut share, Outcome::Taken("tower".to_owned(), 2, ledger()));
+        assert!(matches!(share.held["tower"].own, Some(Own::Taken(_))));
+        note(&mut share, Outcome::Failed("tower".to_owned(), 2, odd()));
+        assert!(share.held["tower"].own.is_none());
+        assert!(matches!(said[..], [WorkNews::Refused { .. }]), "{said:?}");
+    }
 }

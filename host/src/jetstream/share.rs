@@ -2,6 +2,8 @@
 //! Ravishankar 1998, "Using name-based mappings to increase hit rates"). All workers come to the same without a word, and one that comes or
 //! goes moves its own share alone.
 
+use crate::hash;
+
 /// Whether this worker has a structure, among those that are alive.
 pub(super) fn is_own<'a>(me: &str, structure: &str, alive: impl IntoIterator<Item = &'a str>) -> bool {
     let own = weight(me, structure);
@@ -10,9 +12,7 @@ pub(super) fn is_own<'a>(me: &str, structure: &str, alive: impl IntoIterator<Ite
 
 /// FNV-1a of both names, its bits mixed as SplitMix64 does.
 fn weight(worker: &str, structure: &str) -> u64 {
-    let bytes = worker.bytes().chain([0]).chain(structure.bytes());
-    let mut mixed =
-        bytes.fold(0xcbf2_9ce4_8422_2325_u64, |hash, byte| (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3));
+    let mut mixed = hash::fnv1a(hash::START, worker.bytes().chain([0]).chain(structure.bytes()));
     mixed = (mixed ^ (mixed >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
     mixed = (mixed ^ (mixed >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
     mixed ^ (mixed >> 31)

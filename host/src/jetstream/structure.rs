@@ -115,6 +115,8 @@ pub fn add(address: &Address, to_add: &ToAdd<'_>) -> Result<Added, StreamError> 
         let object = Bundle::of(study, reference)?.encode()?;
         let put = server.studies().await?.put(key.as_str(), &mut object.as_slice()).await;
         put.map_err(|error| StreamError::server(format!("the study of {key}"))(error.into()))?;
+        // Who only looks on then finds them, and makes none.
+        server.streams_of(&key).await?;
         // Last: workers look for the study when they see this.
         let value = serde_json::to_vec(&structure).map_err(|error| unfit(&error.to_string()))?;
         let put = server.structures().await?.put(&key, Bytes::from(value)).await;

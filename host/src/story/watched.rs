@@ -7,6 +7,7 @@ use std::path::Path;
 use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
+use serde_json::Value;
 
 use super::cause::{Cause, cause};
 use super::error::StoryError;
@@ -19,8 +20,8 @@ use crate::results::{ALARMS_FILE, INTERVALS_FILE, Lines, MODES_FILE, NODES_FILE,
 use crate::study::Study;
 use crate::trend::seen;
 use crate::watch::{
-    Alarm, Block, Judgement, NodeLimits, NodeState, OpenProblem, SeenInterval, Settings, State, Turn, blocks, judge,
-    node_turns, often_seen,
+    Alarm, Block, JudgedBefore, Judgement, NodeLimits, NodeState, OpenProblem, Remembered, SeenInterval, Settings,
+    State, Turn, blocks, judge, node_turns, often_seen,
 };
 
 /// What a watch is asked for.
@@ -163,6 +164,9 @@ pub(crate) struct Earlier {
     judgement: EarlierJudgement,
     #[serde(default)]
     causes: Vec<Option<Cause>>,
+    /// What was learned; a fleet's worker remembers it. What another version has left is nothing.
+    #[serde(default)]
+    learned: Value,
 }
 
 #[derive(Debug, Clone, Default, Deserialize)]
@@ -315,8 +319,12 @@ pub(crate) fn judged(
     let numbers = often_seen(intervals, &numbers);
     let days = whole_days(blocks(intervals, &numbers), intervals.last());
     let old = earlier.judgement.alarms.clone();
-    let until_s = earlier.judged_until_s.unwrap_or(f64::NEG_INFINITY);
-    let judgement = judge(&days, &numbers, settings, earlier.judgement.alarms, until_s);
+    let before = JudgedBefore {
+        until_s: earlier.judged_until_s,
+        alarms: earlier.judgement.alarms,
+        learned: serde_json::from_value::<Option<Remembered>>(earlier.learned).unwrap_or_default(),
+    };
+    let judgement = judge(&days, &numbers, settings, before);
     let changed = changed(&old, &judgement.alarms);
     let mut causes = earlier.causes;
     causes.resize(judgement.alarms.len(), None);

@@ -6,10 +6,12 @@
 //! Gaussian process holds.
 
 use nalgebra::{Cholesky, DMatrix, DVector};
+use serde::{Deserialize, Serialize};
 
 use super::block::{Block, DAY_S};
 use super::channels::Observed;
 use super::surroundings::{Channel, Sizes, Surroundings};
+use crate::hash;
 
 /// Standard deviations of changes of frequencies (relative), each as likely as the others.
 const CHANGES: [f64; 3] = [1e-3, 4e-3, 1.6e-2];
@@ -29,6 +31,15 @@ pub(super) struct Learned {
     sizes: Vec<Sizes>,
     /// From so many days.
     days: usize,
+}
+
+/// What was learned, for who judges the next days: to learn it again takes many times as long as to judge a day.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Remembered {
+    days: usize,
+    /// Of which days and changes it was learned.
+    fingerprint: u64,
+    sizes: Vec<Sizes>,
 }
 
 /// The evidence for a change.
@@ -58,8 +69,14 @@ impl Learned {
         }
     }
 
-    /// Learns from the days that there are, with the likeliest change allowed for; `None` while there are too few.
-    pub(super) fn up_to_date(before: Option<Self>, blocks: &[Block], known: &[usize]) -> Option<Self> {
+    /// Learns from the days that there are, with the likeliest change allowed for, or goes on with what is `remembered` of just these; `None` while
+    /// there are too few.
+    pub(super) fn up_to_date(
+        before: Option<Self>,
+        remembered: Option<&Remembered>,
+        blocks: &[Block],
+        known: &[usize],
+    ) -> Option<Self> {
         let days = Self::days_of(blocks.len());
         if days > blocks.len() {
             return None;
@@ -70,6 +87,11 @@ impl Learned {
         let blocks = &blocks[..days];
         let observed = Observed::of(blocks);
         let channels = observed.channels();
+        if let Some(remembered) =
+            remembered.filter(|one| one.days == days && one.fingerprint == fingerprint(blocks, known))
+        {
+            return Some(Self { sizes: remembered.sizes.clone(), channels, days });
+        }
         let mut learned = Self { sizes: Vec::new(), channels, days };
         let mut change = None;
         for _ in 0..2 {
@@ -79,6 +101,12 @@ impl Learned {
             change = learned.evidence(blocks, known).map(|evidence| evidence.day);
         }
         Some(learned)
+    }
+
+    /// What to remember; `blocks` and `known` as it was brought up to date with.
+    pub(super) fn to_remember(&self, blocks: &[Block], known: &[usize]) -> Remembered {
+        let fingerprint = fingerprint(&blocks[..self.days], known);
+        Remembered { days: self.days, fingerprint, sizes: self.sizes.clone() }
     }
 
     fn seen(&self, observed: &Observed) -> Vec<Channel> {
@@ -171,6 +199,15 @@ impl Learned {
         let back = self.channels.clone().try_inverse()?;
         Some(cleaned * back.transpose())
     }
+}
+
+/// A number that differs where days or changes do, by any bit of theirs. Levels are left out: they are about the mean of all days, which each new one moves a
+/// little.
+fn fingerprint(blocks: &[Block], known: &[usize]) -> u64 {
+    // Every number is written to its last digit.
+    let day = |block: &Block| format!("{} {:?} {:?}", block.time_s, block.modes, block.temperatures_degc);
+    let days = blocks.iter().map(day).chain([format!("{known:?}")]);
+    days.fold(hash::START, |sum, text| hash::fnv1a(sum, text.bytes()))
 }
 
 /// The logarithm of a sum of exponentials.

@@ -4,7 +4,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::block::{Block, DAY_S};
-use super::evidence::{Evidence, LEAST_AFTER, LEAST_BEFORE, Learned};
+use super::evidence::{Evidence, LEAST_AFTER, LEAST_BEFORE, Learned, Remembered};
 use crate::statistics::at_least;
 
 /// When an alarm is raised.
@@ -100,6 +100,9 @@ pub struct Judgement {
     /// Of each mode, day by day: frequency less what surroundings do, in percent about its mean; what a picture shows.
     #[serde(skip)]
     pub cleaned_percent: Vec<Vec<f64>>,
+    /// What was learned of the surroundings, for who judges the next days.
+    #[serde(skip)]
+    pub learned: Option<Remembered>,
     /// Of each mode, day by day: frequency as it was seen, in percent about its mean.
     #[serde(skip)]
     pub seen_percent: Vec<Vec<Option<f64>>>,
@@ -118,17 +121,24 @@ const LOST: f64 = 1e-6;
 /// Probability on either side of the dates between which a change lies.
 const TAIL: f64 = 0.025;
 
-/// Judges all days after `judged_until_s`, with the alarms that were raised until then; `numbers` are those of the blocks' modes.
-pub fn judge(
-    blocks: &[Block],
-    numbers: &[usize],
-    settings: &Settings,
-    alarms: Vec<Alarm>,
-    judged_until_s: f64,
-) -> Judgement {
+/// What was judged before.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct JudgedBefore {
+    /// Until when.
+    pub until_s: Option<f64>,
+    /// The alarms that were raised until then.
+    pub alarms: Vec<Alarm>,
+    /// What was learned of the surroundings; it is learned anew where there is nothing, or days have changed.
+    pub learned: Option<Remembered>,
+}
+
+/// Judges all days after those that were judged `before`; `numbers` are those of the blocks' modes.
+pub fn judge(blocks: &[Block], numbers: &[usize], settings: &Settings, before: JudgedBefore) -> Judgement {
+    let JudgedBefore { until_s, alarms, learned: remembered } = before;
+    let judged_until_s = until_s.unwrap_or(f64::NEG_INFINITY);
     let kept = without_frost(blocks, settings.frost_below_degc);
     let alarm_from = -settings.false_alarm_probability.ln();
-    let mut watch = Watch { blocks: &kept, numbers, settings, alarm_from, alarms, learned: None };
+    let mut watch = Watch { blocks: &kept, numbers, settings, alarm_from, alarms, learned: None, remembered };
     let mut evidence = None;
     for days in 1..=kept.len() {
         if kept[days - 1].time_s > judged_until_s || days == kept.len() {
@@ -136,8 +146,11 @@ pub fn judge(
         }
     }
     let known = watch.changes(|_| true);
-    let Watch { alarms, learned, .. } = watch;
-    let learned = Learned::up_to_date(learned, &kept, &known);
+    let lasting = watch.changes(|alarm| alarm.state == State::Lasting);
+    let Watch { alarms, learned, remembered, .. } = watch;
+    // It is that of the last day, learned beside changes that last; on a day that settles one it is learned here.
+    let learned = Learned::up_to_date(learned, remembered.as_ref(), &kept, &known);
+    let to_remember = learned.as_ref().map(|learned| learned.to_remember(&kept, &lasting));
     let cleaned = learned.and_then(|learned| learned.cleaned(&kept, &known));
     let needed = LEAST_BEFORE + LEAST_AFTER;
     let is_open = alarms.last().is_some_and(|alarm| alarm.state == State::Open);
@@ -154,6 +167,7 @@ pub fn judge(
         alarm_from,
         alarms,
         lost_modes: lost(&kept, numbers),
+        learned: to_remember,
         days_s: kept.iter().map(|block| block.time_s).collect(),
         cleaned_percent: cleaned.map_or_else(Vec::new, |cleaned| {
             cleaned.column_iter().map(|mode| mode.iter().map(|value| 100.0 * value).collect()).collect()
@@ -170,6 +184,8 @@ struct Watch<'a> {
     alarm_from: f64,
     alarms: Vec<Alarm>,
     learned: Option<Learned>,
+    /// What an earlier judgement has learned.
+    remembered: Option<Remembered>,
 }
 
 impl Watch<'_> {
@@ -187,7 +203,7 @@ impl Watch<'_> {
         let today_s = blocks.last()?.time_s;
         let known: Vec<usize> =
             self.changes(|alarm| alarm.state == State::Lasting).into_iter().filter(|day| *day < days).collect();
-        self.learned = Learned::up_to_date(self.learned.take(), blocks, &known);
+        self.learned = Learned::up_to_date(self.learned.take(), self.remembered.as_ref(), blocks, &known);
         let found = self.learned.as_ref()?.evidence(blocks, &known)?;
         let stands_out = found.log > self.alarm_from && self.is_large(&found);
         let (alarm_from, told) = (self.alarm_from, self.told(&found, blocks));

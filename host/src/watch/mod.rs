@@ -14,7 +14,8 @@ mod nodes;
 mod surroundings;
 
 pub use block::{Block, DAY_S, LogFrequency, SeenInterval, SeenMode, blocks, often_seen};
-pub use judge::{Alarm, Judgement, ModeShift, Settings, Standing, State, judge};
+pub use evidence::Remembered;
+pub use judge::{Alarm, JudgedBefore, Judgement, ModeShift, Settings, Standing, State, judge};
 pub use nodes::{
     LOOKED_BACK_S, NEWEST_WINDOWS, NodeLimits, NodeNews, NodeState, OpenProblem, Problem, Turn, WindowHead,
     state as node_state, turns as node_turns,

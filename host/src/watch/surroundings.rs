@@ -1,7 +1,8 @@
 //! What moves frequencies without anything being wrong, as covariances between days: the temperatures, the level of vibration, seasons
 //! where no temperature is known, and what wanders for days and weeks for reasons that nobody measures.
 
-use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
+use belfry_numerics::CholeskyFactor;
+use nalgebra::{DMatrix, DVector};
 
 use super::block::{Block, DAY_S, FELT};
 
@@ -86,7 +87,7 @@ impl Surroundings {
     }
 
     /// The factor of a channel's covariance; `None` where rounding errors leave none.
-    pub(super) fn factor(&self, channel: &Channel, sizes: &Sizes) -> Option<Cholesky<f64, Dyn>> {
+    pub(super) fn factor(&self, channel: &Channel, sizes: &Sizes) -> Option<CholeskyFactor> {
         let mut covariance = &self.fixed * channel.scale.powi(2);
         for (term, size) in self.terms.iter().zip(&sizes[1..]) {
             if let Some(term) = term {
@@ -98,7 +99,7 @@ impl Surroundings {
         for (day, variance) in channel.variances.iter().enumerate() {
             covariance[(day, day)] += own + variance;
         }
-        Cholesky::new(covariance)
+        CholeskyFactor::of(&covariance, 0.0)
     }
 
     /// What the temperatures, the level, the season and what wanders explain of a channel, of `solved`, the inverse covariance times its values.
@@ -115,10 +116,9 @@ impl Surroundings {
     /// The logarithm of the probability of a channel's values and sizes.
     fn log_posterior(&self, channel: &Channel, sizes: &Sizes, usual: &Sizes) -> f64 {
         let Some(factor) = self.factor(channel, sizes) else { return f64::NEG_INFINITY };
-        let Some(whitened) = factor.l_dirty().solve_lower_triangular(&channel.values) else { return f64::NEG_INFINITY };
-        let log_volume: f64 = factor.l_dirty().diagonal().iter().map(|value| value.ln()).sum();
+        let misfit = channel.values.dot(&factor.solve(&channel.values));
         let deviation = |(term, size): (usize, &f64)| ((size - usual[term]) / SPREAD[term]).powi(2);
-        -0.5 * whitened.norm_squared() - log_volume - 0.5 * sizes.iter().enumerate().map(deviation).sum::<f64>()
+        -0.5 * misfit - factor.log_volume() - 0.5 * sizes.iter().enumerate().map(deviation).sum::<f64>()
     }
 
     /// The most probable sizes, one after the other in steps that get shorter.

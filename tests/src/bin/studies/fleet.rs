@@ -1,8 +1,9 @@
 //! What a fleet costs.
 
+use belfry_tests::fleet::{self, FleetCase};
 use clap::Args;
 
-/// Structures of 20 channels on one machine, at one set of modes an hour
+/// Structures of 20 channels on one machine, at one set of modes an hour.
 const WANTED: f64 = 20_000.0;
 
 /// Many structures through a NATS server to one worker: processor time and bytes of each
@@ -14,13 +15,17 @@ pub(super) struct Arguments {
     /// Hours of each
     #[arg(long, default_value_t = 3)]
     hours: usize,
+    /// Days before them of which there are results already
+    #[arg(long, default_value_t = 0)]
+    history_days: usize,
     /// Draws loads, noise and boots
     #[arg(long, default_value_t = 1)]
     seed: u64,
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<(), Box<dyn std::error::Error>> {
-    let cost = belfry_tests::fleet::run(arguments.structures, arguments.hours, arguments.seed)?;
+    let Arguments { structures, hours, history_days, seed } = *arguments;
+    let cost = fleet::run(&FleetCase { structures, hours, history_days, seed })?;
     println!("{cost}");
     // Two cores, which the server shares.
     let carried = 2.0 * 3600.0 / (cost.worker_s + cost.server_s);

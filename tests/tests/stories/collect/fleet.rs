@@ -23,6 +23,8 @@ use super::mast::archive;
 
 /// Length of an interval in s.
 const EVERY_S: i64 = 10;
+/// The part of the fleet that "Mast" is in: the FNV-1a hash of its name, modulo 128.
+const PART: &str = "004";
 
 /// The names of a bench's windows (node, boot, number), in the order in which they were stored, each with the middle of its time in µs.
 fn stored(bench: &LiveBench) -> Vec<([u32; 3], i64)> {
@@ -36,7 +38,7 @@ fn stored(bench: &LiveBench) -> Vec<([u32; 3], i64)> {
 
 /// The names of windows in the stream, in its order.
 fn published(server: &NatsServer) -> Vec<[u32; 3]> {
-    let messages = server.messages("BELFRY").unwrap();
+    let messages = server.data().unwrap();
     let windows = messages.iter().filter(|message| message.subject.contains(".windows."));
     let name = |id: &str| -> [u32; 3] {
         let parts: Vec<u32> = id.strip_prefix("Mast-").unwrap().split('-').map(|part| part.parse().unwrap()).collect();
@@ -45,15 +47,15 @@ fn published(server: &NatsServer) -> Vec<[u32; 3]> {
     windows
         .map(|message| {
             let name = name(&message.id);
-            assert_eq!(message.subject, format!("belfry.Mast.windows.{}", name[0]));
+            assert_eq!(message.subject, format!("belfry.{PART}.Mast.windows.{}", name[0]));
             name
         })
         .collect()
 }
 
 fn results(server: &NatsServer) -> Vec<Value> {
-    let messages = server.messages("BELFRY_RESULTS").unwrap();
-    let results = messages.iter().filter(|message| message.subject == "belfry.Mast.results");
+    let messages = server.results().unwrap();
+    let results = messages.iter().filter(|message| message.subject == format!("belfry.{PART}.Mast.results"));
     results.map(|message| serde_json::from_slice(&message.payload).unwrap()).collect()
 }
 
@@ -210,6 +212,18 @@ fn each_server_of_a_cluster_may_die_and_everything_goes_on() {
     end(&bench, &server, gateway);
     workers.into_iter().for_each(kill);
     holds(&bench, &server);
+    // Another structure, whose streams are made by a command that does not say how many copies there are to be.
+    let other = tempfile::tempdir().unwrap();
+    fs::create_dir(other.path().join("results")).unwrap();
+    fs::copy(bench.folder.path().join("results/modes.json"), other.path().join("results/modes.json")).unwrap();
+    let text = fs::read_to_string(bench.folder.path().join("study.toml")).unwrap();
+    fs::write(other.path().join("study.toml"), text.replace("\"Mast\"", "\"Other mast\"")).unwrap();
+    let before = server.replicas().unwrap().len();
+    let add = ["work", "--from", &url, "--add", other.path().to_str().unwrap(), "--every", "10s"];
+    belfry_command().args(add).assert().success();
+    let replicas = server.replicas().unwrap();
+    assert_eq!(replicas.len(), before + 2, "{replicas:?}");
+    assert!(replicas.values().all(|&count| count == 3), "{replicas:?}");
 }
 
 /// Gateway, worker and server are killed in turn, a hundred times.
@@ -357,10 +371,11 @@ fn what_a_clock_ahead_sends_is_told_and_left_out_and_days_that_were_left_unfinis
     let add = |hours| fleet::publish(&server, 1, hours, 22, |_| String::new()).unwrap();
     add(2);
     // Results of three days before, as another worker left them, and a window of a gateway whose clock is two hours ahead.
-    let windows = server.messages("BELFRY").unwrap();
+    let windows = server.data().unwrap();
     let first = windows.iter().find(|message| message.subject.contains(".windows.")).unwrap().clone();
+    let part = first.subject.split('.').nth(1).unwrap();
     let results = || {
-        let messages = server.messages("BELFRY_RESULTS").unwrap();
+        let messages = server.results().unwrap();
         messages.iter().map(|message| serde_json::from_slice(&message.payload).unwrap()).collect::<Vec<Value>>()
     };
     for day in 19_671..19_674 {
@@ -371,7 +386,7 @@ fn what_a_clock_ahead_sends_is_told_and_left_out_and_days_that_were_left_unfinis
         });
         let id = format!("Tower-0-{interval}");
         let message =
-            StoredMessage { subject: "belfry.Tower-0.results".to_owned(), id, payload: result.to_string().into() };
+            StoredMessage { subject: format!("belfry.{part}.Tower-0.results"), id, payload: result.to_string().into() };
         server.publish(message, 0).unwrap();
     }
     let now_us = SystemTime::now().duration_since(UNIX_EPOCH).unwrap().as_micros() as i64;
@@ -385,7 +400,9 @@ fn what_a_clock_ahead_sends_is_told_and_left_out_and_days_that_were_left_unfinis
         let mut command = work(&server, &["--parquet", tables.to_str().unwrap()]);
         let worker = command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
         wait_until("the results", || results().len() >= 7);
-        wait_until("the files", || days().len() >= 5);
+        // Files are written after the stream has a result.
+        let newest = || rows(&tables, "Tower-0").last().map(|row| row.0);
+        wait_until("the files", || days().len() >= 5 && newest() == Some(472_225));
         kill(worker);
     };
     work();

@@ -22,7 +22,10 @@ use crate::said::sound;
 
 use super::mast::{MODES, RATE_HZ, folder_in_memory, fresh_node, is_without_gaps, motion, numbers, write_study};
 
+/// How long what takes no time of its own may take on a machine that is busy.
 const PATIENCE: Duration = Duration::from_secs(60);
+/// Time between windows: half a segment of 256 samples, at 500 a second.
+const HOP: Duration = Duration::from_millis(256);
 /// What programs at a bench say.
 const LOG_FILE: &str = "programs.log";
 
@@ -140,7 +143,8 @@ impl LiveBench {
     /// Waits until the archive has `count` windows of each node.
     pub(super) fn wait_for(&self, count: usize) {
         let file = self.folder.path().join("archive.sqlite");
-        wait_until(&format!("{count} windows of each node"), PATIENCE, || {
+        let patience = PATIENCE + HOP * count as u32;
+        wait_until(&format!("{count} windows of each node"), patience, || {
             file.exists() && [3, 8].iter().all(|&node| numbers(self.folder.path(), node).len() >= count)
         });
     }

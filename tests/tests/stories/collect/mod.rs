@@ -8,5 +8,6 @@ mod keeping;
 mod live;
 mod mast;
 mod ports;
+mod seedlink;
 mod store;
 mod time;

@@ -31,7 +31,7 @@ async fn a_fleet_is_looked_over_and_a_structure_with_an_alarm_is_looked_into() {
         let mut worker =
             command.args(["work", "--from", &server.url()]).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
         let start = Instant::now();
-        while server.count("BELFRY_RESULTS").unwrap_or(0) < STRUCTURES * 3 {
+        while server.count_results().unwrap_or(0) < STRUCTURES * 3 {
             assert!(start.elapsed() < Duration::from_secs(120), "no results");
             thread::sleep(Duration::from_millis(200));
         }

@@ -1,0 +1,61 @@
+//! An effect that gains most and cannot be counted in the end, for it leaves the errors or is no larger than what the tolerance looks like: it must decide
+//! nothing of the others.
+
+use super::candidates::Options;
+use super::discrepancy::here;
+use super::fit::Fit;
+use super::found::Found;
+use super::problem::Problem;
+use super::search::{CLEAR, Searched, sort};
+
+/// Kinds without which everything is searched again, at most.
+const MOST: usize = 2;
+
+impl Problem {
+    /// Every kind that explains anything, refitted at its best place; best first.
+    ///
+    /// Others are fitted with the discrepancy that the best leaves, and those that are far behind it are not fitted closely. So where the best does not
+    /// count, all is searched again without it. Measured: in a shear building whose storeys were a quarter too flexible, a flexible connection gained
+    /// 158 in an optimum of its own and did not count; without it the right effect was found, 21 above none.
+    pub(super) fn search(&self, present: &Fit, options: &Options) -> Searched {
+        let mut options = options.clone();
+        let mut searched = self.search_among(present, &options);
+        let mut uncounted: Vec<Found> = Vec::new();
+        while uncounted.len() < MOST
+            && searched.found.first().is_some_and(|first| !first.helps && first.log_bayes_factor > CLEAR)
+        {
+            let first = searched.found.remove(0);
+            options.without.push(first.kind.name().to_owned());
+            uncounted.push(first);
+            let other = self.search_among(present, &options);
+            searched = self.beside_the_better(present, searched, other, &mut uncounted);
+        }
+        searched.found.extend(uncounted);
+        sort(&mut searched.found);
+        searched
+    }
+
+    /// What `other` has found, beside the present model as it is more probable in the one or the other; `uncounted` as well, which stood beside that of
+    /// `before`.
+    fn beside_the_better(
+        &self,
+        present: &Fit,
+        before: Searched,
+        mut other: Searched,
+        uncounted: &mut [Found],
+    ) -> Searched {
+        let log_evidence = |searched: &Searched| {
+            let (_, settled) = here(&searched.settled, self, present);
+            searched.own.as_ref().map_or(settled, |(_, own)| own).log_evidence()
+        };
+        let above = log_evidence(&before) - log_evidence(&other);
+        match before.own.or(before.settled) {
+            Some(better) if above > 0.0 => {
+                other.found.iter_mut().for_each(|found| found.log_bayes_factor -= above);
+                other.own = Some(better);
+            }
+            _ => uncounted.iter_mut().for_each(|found| found.log_bayes_factor += above),
+        }
+        other
+    }
+}
