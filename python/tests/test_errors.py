@@ -112,7 +112,9 @@ def test_other_threads_run_meanwhile(copy: pathlib.Path) -> None:
 @pytest.mark.parametrize("step", ["identify", "diagnose"])
 def test_an_interruption_ends_the_work(copy: pathlib.Path, step: str) -> None:
     script = (
-        "import belfry, sys\n"
+        "import belfry, signal, sys\n"
+        # Whoever starts this in the background has it ignore interruptions.
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         "try:\n"
         f"    belfry.Study(sys.argv[1]).{step}(on_progress=lambda *_: print('at work', flush=True))\n"
         "except KeyboardInterrupt:\n"
