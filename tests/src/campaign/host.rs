@@ -37,7 +37,8 @@ pub(super) fn live_through(world: &World, end: Duration, report: &mut Report) ->
     Ok(())
 }
 
-/// Has what is left over be delivered: nodes go on for a while, then sample no more.
+/// Has what is left over be delivered: nodes go on for a while, then sample no more. A window that the host does not believe is asked for thirty times before
+/// it is given up, which takes an hour or two where there are dozens.
 pub(super) fn deliver_the_rest(
     world: &World,
     aftermath: Duration,
@@ -49,7 +50,11 @@ pub(super) fn deliver_the_rest(
     world.set_sampling(false);
     let stopped = world.now();
     // The host goes on where it was, and looks again at what it has missed.
-    host(world, &mut |world| world.now() >= stopped + aftermath.min(patience), report)?;
+    let is_done = &mut |world: &World| {
+        let waited = world.now() - stopped;
+        waited >= patience || waited >= aftermath && !world.holds_windows()
+    };
+    host(world, is_done, report)?;
     Ok(())
 }
 

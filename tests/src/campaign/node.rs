@@ -55,6 +55,8 @@ struct Tap {
     /// What it is to measure, once it is known.
     configurations: Option<Configurations>,
     boots: BTreeMap<u32, Sent>,
+    /// Whether it has said last that it holds windows.
+    holds: bool,
 }
 
 impl Tap {
@@ -63,6 +65,9 @@ impl Tap {
             let Some(Ok(frame)) = self.decoder.push(byte) else { continue };
             let encoded = frame.message.to_vec();
             let Ok(part) = message::decode::<NodeMessage<'_>>(&encoded) else { continue };
+            if let NodeMessage::Heartbeat(heartbeat) = &part {
+                self.holds = heartbeat.oldest_window < heartbeat.next_window;
+            }
             let Some(configurations) = &self.configurations else { continue };
             let Some((name, _)) = part.part() else { continue };
             let sent = self
@@ -172,7 +177,13 @@ impl SimulatedNode {
             boot,
             on_since: Duration::ZERO,
             node: None,
-            tap: Tap { node: number, decoder: FrameDecoder::new(), configurations: None, boots: BTreeMap::new() },
+            tap: Tap {
+                node: number,
+                decoder: FrameDecoder::new(),
+                configurations: None,
+                boots: BTreeMap::new(),
+                holds: false,
+            },
             doom: None,
             off_until: Duration::ZERO,
             unplugged_until: Duration::ZERO,
@@ -284,6 +295,12 @@ impl SimulatedNode {
         }
         self.lives.push(life);
         self.memory = node.release().release().release();
+    }
+
+    /// Whether it has said last that it holds windows of its present life, or its chip has some of an earlier one.
+    pub(super) fn holds_windows(&mut self) -> bool {
+        let kept = self.node.as_mut().and_then(|node| node.store().kept());
+        self.tap.holds || kept.is_some_and(|kept| kept.has_windows())
     }
 
     /// Ends its last life.

@@ -140,6 +140,11 @@ impl World {
         parts.nodes.iter_mut().flat_map(|node| node.take_lives(now)).collect()
     }
 
+    /// Whether a node holds windows, as far as it has said.
+    pub(super) fn holds_windows(&self) -> bool {
+        self.parts.borrow_mut().nodes.iter_mut().any(SimulatedNode::holds_windows)
+    }
+
     pub(super) fn troubles(&self) -> HostTroubles {
         self.parts.borrow().troubles
     }
