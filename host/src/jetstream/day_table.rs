@@ -6,11 +6,12 @@ use std::mem;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
+use async_nats::jetstream::stream::Stream;
+
 use super::error::StreamError;
 use super::follow::IntervalResult;
 use super::names;
 use super::reading::{Start, each};
-use super::server::Server;
 use crate::archive::day;
 use crate::export::intervals::intervals;
 use crate::watch::DAY_S;
@@ -25,13 +26,12 @@ pub(super) struct DayTable {
 
 impl DayTable {
     /// Makes up for days that have no file, and for those from the last file but one on, which a worker that was killed, or asleep, may have left unfinished.
-    pub(super) async fn catch_up(server: &Server, folder: &Path, key: &str) -> Result<Self, StreamError> {
+    pub(super) async fn catch_up(results: &Stream, folder: &Path, key: &str) -> Result<Self, StreamError> {
         let folder = folder.join(key);
         fs::create_dir_all(&folder).map_err(|source| StreamError::File { file: folder.clone(), source })?;
         let unsure = last_but_one(&folder).map_err(|source| StreamError::File { file: folder.clone(), source })?;
         let mut table = Self { folder, day: i64::MIN, results: Vec::new() };
-        let results = server.streams_of(key).await?.results;
-        each(&results, &names::results(key), Start::Message(1), false, |message| {
+        each(results, &names::results(key), Start::Message(1), false, |message| {
             let Ok(result) = serde_json::from_slice::<IntervalResult>(&message.payload) else {
                 return Ok(ControlFlow::Continue(()));
             };

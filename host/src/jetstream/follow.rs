@@ -169,16 +169,12 @@ impl Followed {
     }
 
     /// Keeps the newest result as Parquet, or all that are missing there; `None` before one was published.
-    pub(super) async fn tabulate(
-        &mut self,
-        server: &Server,
-        newest: Option<&IntervalResult>,
-    ) -> Result<(), StreamError> {
+    pub(super) async fn tabulate(&mut self, newest: Option<&IntervalResult>) -> Result<(), StreamError> {
         let Some(folder) = &self.tables else { return Ok(()) };
         let written = match (self.table.take(), newest) {
             (Some(mut table), Some(newest)) => table.push(newest.clone()).map(|()| table),
             (Some(table), None) => Ok(table),
-            (None, _) => DayTable::catch_up(server, folder, &self.key).await,
+            (None, _) => DayTable::catch_up(&self.streams.results, folder, &self.key).await,
         };
         self.table = Some(written?);
         Ok(())

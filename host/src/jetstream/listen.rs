@@ -3,15 +3,16 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
+use async_nats::jetstream::consumer::pull::Stream as Messages;
+use async_nats::jetstream::stream::Stream;
 use tokio::sync::mpsc::{Receiver, Sender, channel};
-use tokio::sync::oneshot;
 use tokio::task::{JoinHandle, JoinSet};
 use tokio_stream::StreamExt;
 
 use super::error::StreamError;
 use super::names::Part;
 use super::reading::{Incoming, Start, TRIES, reader};
-use super::server::{PartStreams, Server};
+use super::server::Server;
 
 /// The server says so often that it is there when it has nothing to say.
 const HEARTBEAT: Duration = Duration::from_secs(2);
@@ -66,7 +67,7 @@ impl Listening {
                 begun.spawn(async move { (part, begin(&server, part, send).await) });
             }
             let Some(one) = begun.join_next().await else { return Ok(()) };
-            let (part, task) = one.map_err(|error| StreamError::server("reading what comes")(error.into()))?;
+            let (part, task) = one.map_err(failed)?;
             self.tasks.insert(part, Task(task?));
         }
     }
@@ -79,66 +80,63 @@ async fn begin(
     send: Sender<Result<Incoming, StreamError>>,
 ) -> Result<JoinHandle<()>, StreamError> {
     let streams = server.streams(part).await?;
-    let newest =
-        streams.data.get_info().await.map_err(|error| StreamError::server("reading what comes")(error.into()))?;
-    let next = newest.state.last_sequence + 1;
-    let (ready, is_ready) = oneshot::channel();
-    let task = tokio::spawn(async move {
-        if let Err(error) = listen(&streams, part, next, ready, &send).await {
+    let next = streams.data.get_info().await.map_err(failed)?.state.last_sequence + 1;
+    let first = open(&streams.data, part, next).await?;
+    Ok(tokio::spawn(async move {
+        if let Err(error) = listen(&streams.data, part, next, first, &send).await {
             // Nobody listens any more where the session is over.
             let _ = send.send(Err(error)).await;
         }
-    });
-    match is_ready.await {
-        Ok(()) => Ok(task),
-        // Its error is among the messages.
-        Err(_) => Err(StreamError::Gone),
-    }
+    }))
 }
 
-/// Sends on what comes to a part from message `next` on. A reader that breaks off is made anew behind the last message.
+/// What comes to a part from message `next` on, by headers.
+async fn open(data: &Stream, part: Part, next: u64) -> Result<Messages, StreamError> {
+    let reader = reader(data, &part.data(), Start::Message(next), true).await?;
+    reader.stream().heartbeat(HEARTBEAT).expires(EXPIRES).messages().await.map_err(failed)
+}
+
+/// Sends on what comes to a part from message `next` on, of `messages` first. A reader that breaks off is made anew behind the last message.
 async fn listen(
-    streams: &PartStreams,
+    data: &Stream,
     part: Part,
     mut next: u64,
-    ready: oneshot::Sender<()>,
+    first: Messages,
     send: &Sender<Result<Incoming, StreamError>>,
 ) -> Result<(), StreamError> {
-    let (mut ready, mut failures) = (Some(ready), 0);
+    let (mut opened, mut failures) = (Ok(first), 0);
     loop {
         let before = next;
-        let Err(error) = listen_once(streams, part, &mut next, &mut ready, send).await else { return Ok(()) };
+        let ended = match opened {
+            Ok(messages) => send_on(messages, &mut next, send).await,
+            Err(error) => Err(error),
+        };
+        let Err(error) = ended else { return Ok(()) };
         failures = if next > before { 0 } else { failures + 1 };
         if failures > TRIES {
             return Err(error);
         }
+        opened = open(data, part, next).await;
     }
 }
 
-/// The same with one reader; it ends in an error, or where nobody listens any more.
-async fn listen_once(
-    streams: &PartStreams,
-    part: Part,
+/// Sends on what a reader brings, and moves `next` behind it; it ends in an error, or where nobody listens any more.
+async fn send_on(
+    mut messages: Messages,
     next: &mut u64,
-    ready: &mut Option<oneshot::Sender<()>>,
     send: &Sender<Result<Incoming, StreamError>>,
 ) -> Result<(), StreamError> {
-    let failed = |error: Box<dyn std::error::Error + Send + Sync>| StreamError::server("reading what comes")(error);
-    let reader = reader(&streams.data, &part.data(), Start::Message(*next), true).await?;
-    let messages = reader.stream().heartbeat(HEARTBEAT).expires(EXPIRES).messages().await;
-    let mut messages = messages.map_err(|error| failed(error.into()))?;
-    if let Some(ready) = ready.take() {
-        // Whoever has asked may have gone.
-        let _ = ready.send(());
-    }
     let mut count = 0;
     while let Some(message) = messages.next().await {
-        let message = message.map_err(|error| failed(error.into()))?;
-        let message = Incoming::behind(&mut count, &message)?;
+        let message = Incoming::behind(&mut count, &message.map_err(failed)?)?;
         *next = message.sequence + 1;
         if send.send(Ok(message)).await.is_err() {
             return Ok(());
         }
     }
     Err(StreamError::Gone)
+}
+
+fn failed(error: impl std::error::Error + Send + Sync + 'static) -> StreamError {
+    StreamError::server("reading what comes")(error.into())
 }

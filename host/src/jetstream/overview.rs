@@ -14,7 +14,7 @@ use super::error::StreamError;
 use super::follow::{IntervalResult, State};
 use super::names;
 use super::reading::{Start, each};
-use super::server::{Address, Server, entry, newest};
+use super::server::{Address, PartStreams, Server, entry, newest};
 use super::session::{alive, keys};
 use super::structure::{self, Structure};
 use crate::watch::OpenProblem;
@@ -141,7 +141,7 @@ impl Reader {
     /// When the server fails.
     pub async fn overview(&self, now_s: f64) -> Result<Overview, StreamError> {
         let workers = alive(&self.0.workers().await?).await?.len();
-        let mut waiting = keys(&self.0.structures().await?).await?.into_iter();
+        let mut waiting = keys(&self.0.structures).await?.into_iter();
         let (mut asked, mut structures) = (JoinSet::new(), Vec::new());
         loop {
             while asked.len() < AT_ONCE
@@ -177,15 +177,14 @@ impl Reader {
         }
         let Some(found) = row(server, key, now_s).await? else { return Ok(None) };
         let mut nodes_seen_s = BTreeMap::new();
-        let streams = server.streams_of(key).await?;
         for &node in &found.structure.nodes {
-            let seen = seen_s(&streams.data, &[names::windows(key, node), names::heartbeats(key, node)]).await?;
+            let seen = seen_s(&found.streams.data, &[names::windows(key, node), names::heartbeats(key, node)]).await?;
             nodes_seen_s.insert(node, seen);
         }
         let mut intervals = VecDeque::new();
         // After a year there are some MB of them.
         if let Some(newest) = found.newest_result {
-            each(&streams.results, &names::results(key), Start::Time(newest - NEWEST), false, |message| {
+            each(&found.streams.results, &names::results(key), Start::Time(newest - NEWEST), false, |message| {
                 if intervals.len() == NEWEST_INTERVALS {
                     intervals.pop_front();
                 }
@@ -204,6 +203,7 @@ struct Found {
     row: Row,
     /// Its entry.
     structure: Structure,
+    streams: PartStreams,
     /// What its days say.
     judgement: Value,
     /// When its newest result came.
@@ -250,7 +250,7 @@ async fn row(server: &Server, key: &str, now_s: f64) -> Result<Option<Found>, St
         node_problems,
         why: None,
     };
-    Ok(Some(Found { row, structure, judgement, newest_result }))
+    Ok(Some(Found { row, structure, streams, judgement, newest_result }))
 }
 
 /// When the newest message of these subjects came, in s of Unix time.

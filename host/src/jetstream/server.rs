@@ -93,6 +93,8 @@ pub(super) struct Server {
     client: Client,
     context: Context,
     replicas: usize,
+    /// The bucket of structures.
+    pub(super) structures: Store,
     /// Streams that were asked for.
     parts: Arc<Mutex<BTreeMap<Part, PartStreams>>>,
     /// Whether the connection has been interrupted since it was made.
@@ -130,10 +132,10 @@ impl Server {
         let client = options.connect(servers).await.map_err(|error| failed(with_cause(&error)))?;
         let mut context = jetstream::new(client.clone());
         context.set_timeout(ANSWER);
-        let mut new = Self { client, context, replicas: address.replicas, parts: Arc::default(), interrupted };
+        let structures = bucket(&context, STRUCTURES, Duration::ZERO, address.replicas).await?;
         // Everything has as many copies as what the first command of all has made.
-        new.replicas = new.structures().await?.stream.cached_info().config.num_replicas.max(1);
-        Ok(new)
+        let replicas = structures.stream.cached_info().config.num_replicas.max(1);
+        Ok(Self { client, context, replicas, structures, parts: Arc::default(), interrupted })
     }
 
     /// The streams of a part; they are made where they are not there yet.
@@ -161,37 +163,14 @@ impl Server {
         if self.interrupted.load(Ordering::Relaxed) { Err(StreamError::Gone) } else { Ok(()) }
     }
 
-    async fn bucket(&self, name: &str, max_age: Duration) -> Result<Store, StreamError> {
-        if let Ok(store) = self.context.get_key_value(name).await {
-            return Ok(store);
-        }
-        // Not by create_key_value, which asks for what servers before 2.10 do not say.
-        let stream = StreamConfig {
-            max_messages_per_subject: 1,
-            discard: DiscardPolicy::New,
-            allow_rollup: true,
-            deny_delete: true,
-            allow_direct: true,
-            ..config(&format!("KV_{name}"), &[&format!("$KV.{name}.>")], max_age, self.replicas)
-        };
-        let failed = || StreamError::server(format!("bucket {name}"));
-        self.context.get_or_create_stream(stream).await.map_err(|error| failed()(error.into()))?;
-        self.context.get_key_value(name).await.map_err(|error| failed()(error.into()))
-    }
-
-    /// The bucket of structures.
-    pub(super) async fn structures(&self) -> Result<Store, StreamError> {
-        self.bucket(STRUCTURES, Duration::ZERO).await
-    }
-
     /// The bucket of what judgements go on from.
     pub(super) async fn states(&self) -> Result<Store, StreamError> {
-        self.bucket(STATES, Duration::ZERO).await
+        bucket(&self.context, STATES, Duration::ZERO, self.replicas).await
     }
 
     /// The bucket of workers that are alive.
     pub(super) async fn workers(&self) -> Result<Store, StreamError> {
-        self.bucket(WORKERS, ALIVE).await
+        bucket(&self.context, WORKERS, ALIVE, self.replicas).await
     }
 
     /// The object store of studies.
@@ -277,6 +256,25 @@ async fn stream(context: &Context, config: StreamConfig) -> Result<Stream, Strea
     let name = config.name.clone();
     let stream = context.get_or_create_stream(config).await;
     stream.map_err(|error| StreamError::server(format!("stream {name}"))(error.into()))
+}
+
+/// A bucket, which is made where there is none.
+async fn bucket(context: &Context, name: &str, max_age: Duration, replicas: usize) -> Result<Store, StreamError> {
+    if let Ok(store) = context.get_key_value(name).await {
+        return Ok(store);
+    }
+    // Not by create_key_value, which asks for what servers before 2.10 do not say.
+    let stream = StreamConfig {
+        max_messages_per_subject: 1,
+        discard: DiscardPolicy::New,
+        allow_rollup: true,
+        deny_delete: true,
+        allow_direct: true,
+        ..config(&format!("KV_{name}"), &[&format!("$KV.{name}.>")], max_age, replicas)
+    };
+    let failed = || StreamError::server(format!("bucket {name}"));
+    context.get_or_create_stream(stream).await.map_err(|error| failed()(error.into()))?;
+    context.get_key_value(name).await.map_err(|error| failed()(error.into()))
 }
 
 /// What a stream is to be.

@@ -76,7 +76,7 @@ pub(super) async fn session(
     tell: &mut dyn FnMut(WorkNews),
 ) -> Result<(), StreamError> {
     let server = Server::connect(address).await?;
-    let (structures, workers) = (server.structures().await?, server.workers().await?);
+    let workers = server.workers().await?;
     let mut listening = Listening::new(&server);
     let (tell_outcome, mut outcomes) = unbounded_channel();
     let mut tasks = JoinSet::new();
@@ -118,7 +118,7 @@ pub(super) async fn session(
             }
             _ = tick.tick() => {
                 server.is_whole()?;
-                share.look([&structures, &workers], &mut listening, tell).await?;
+                share.look([&server.structures, &workers], &mut listening, tell).await?;
                 if std::mem::take(&mut is_first) && let Some(after) = on_ready() {
                     tell(WorkNews::Back { after_s: after.as_secs_f64() });
                 }
@@ -325,7 +325,7 @@ async fn take(
 ) -> Result<Followed, StreamError> {
     let since = Instant::now();
     let mut one = Followed::take(server, key, tables).await?;
-    tabulate(server, &mut one, None, outcomes).await?;
+    tabulate(&mut one, None, outcomes).await?;
     judge(server, &mut one, outcomes).await?;
     let (ledger, due) = one.catch_up().await?;
     for due in due {
@@ -345,18 +345,17 @@ async fn interval(
 ) -> Result<(), StreamError> {
     let result = one.interval(server, due).await?;
     let _ = outcomes.send(Outcome::Published(Box::new(result.clone()), since.elapsed()));
-    tabulate(server, one, Some(&result), outcomes).await?;
+    tabulate(one, Some(&result), outcomes).await?;
     judge(server, one, outcomes).await
 }
 
 /// A disk that does not take results holds up nothing: the stream has them, and they are written with the next.
 async fn tabulate(
-    server: &Server,
     one: &mut Followed,
     newest: Option<&IntervalResult>,
     outcomes: &UnboundedSender<Outcome>,
 ) -> Result<(), StreamError> {
-    match one.tabulate(server, newest).await {
+    match one.tabulate(newest).await {
         Err(error @ StreamError::File { .. }) => {
             let _ = outcomes.send(Outcome::Untabulated(error.to_string()));
             Ok(())

@@ -119,7 +119,7 @@ pub fn add(address: &Address, to_add: &ToAdd<'_>) -> Result<Added, StreamError> 
         server.streams_of(&key).await?;
         // Last: workers look for the study when they see this.
         let value = serde_json::to_vec(&structure).map_err(|error| unfit(&error.to_string()))?;
-        let put = server.structures().await?.put(&key, Bytes::from(value)).await;
+        let put = server.structures.put(&key, Bytes::from(value)).await;
         put.map_err(|error| StreamError::server(format!("the entry of {key}"))(error.into()))?;
         Ok(Added { structure: key.clone(), modes: found.modes.len(), is_known: known.is_some() })
     })
@@ -133,7 +133,7 @@ pub(super) fn nodes_of(study: &Study) -> Vec<u16> {
 
 /// A structure, and the revision of its entry; `None` where it was not added.
 pub(super) async fn read(server: &Server, key: &str) -> Result<Option<(Structure, u64)>, StreamError> {
-    let entry = entry(&server.structures().await?, key, "entry").await?;
+    let entry = entry(&server.structures, key, "entry").await?;
     let Some(entry) = entry.filter(|entry| !entry.value.is_empty()) else { return Ok(None) };
     Ok(Some((StreamError::read(format!("the entry of {key}"), &entry.value)?, entry.revision)))
 }

@@ -69,14 +69,8 @@ impl Learned {
         }
     }
 
-    /// Learns from the days that there are, with the likeliest change allowed for, or goes on with what is `remembered` of just these; `None` while
-    /// there are too few.
-    pub(super) fn up_to_date(
-        before: Option<Self>,
-        remembered: Option<&Remembered>,
-        blocks: &[Block],
-        known: &[usize],
-    ) -> Option<Self> {
+    /// Learns from the days that there are, with the likeliest change allowed for; `None` while there are too few.
+    pub(super) fn up_to_date(before: Option<Self>, blocks: &[Block], known: &[usize]) -> Option<Self> {
         let days = Self::days_of(blocks.len());
         if days > blocks.len() {
             return None;
@@ -87,11 +81,6 @@ impl Learned {
         let blocks = &blocks[..days];
         let observed = Observed::of(blocks);
         let channels = observed.channels();
-        if let Some(remembered) =
-            remembered.filter(|one| one.days == days && one.fingerprint == fingerprint(blocks, known))
-        {
-            return Some(Self { sizes: remembered.sizes.clone(), channels, days });
-        }
         let mut learned = Self { sizes: Vec::new(), channels, days };
         let mut change = None;
         for _ in 0..2 {
@@ -101,6 +90,13 @@ impl Learned {
             change = learned.evidence(blocks, known).map(|evidence| evidence.day);
         }
         Some(learned)
+    }
+
+    /// What is `remembered`, where it was learned of just these days and changes.
+    pub(super) fn recalled(remembered: Remembered, blocks: &[Block], known: &[usize]) -> Option<Self> {
+        let Remembered { days, fingerprint: of, sizes } = remembered;
+        let blocks = blocks.get(..days).filter(|blocks| fingerprint(blocks, known) == of)?;
+        Some(Self { channels: Observed::of(blocks).channels(), sizes, days })
     }
 
     /// What to remember; `blocks` and `known` as it was brought up to date with.

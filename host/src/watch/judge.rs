@@ -138,7 +138,9 @@ pub fn judge(blocks: &[Block], numbers: &[usize], settings: &Settings, before: J
     let judged_until_s = until_s.unwrap_or(f64::NEG_INFINITY);
     let kept = without_frost(blocks, settings.frost_below_degc);
     let alarm_from = -settings.false_alarm_probability.ln();
-    let mut watch = Watch { blocks: &kept, numbers, settings, alarm_from, alarms, learned: None, remembered };
+    let mut watch = Watch { blocks: &kept, numbers, settings, alarm_from, alarms, learned: None };
+    let lasting = watch.changes(|alarm| alarm.state == State::Lasting);
+    watch.learned = remembered.and_then(|remembered| Learned::recalled(remembered, &kept, &lasting));
     let mut evidence = None;
     for days in 1..=kept.len() {
         if kept[days - 1].time_s > judged_until_s || days == kept.len() {
@@ -147,9 +149,9 @@ pub fn judge(blocks: &[Block], numbers: &[usize], settings: &Settings, before: J
     }
     let known = watch.changes(|_| true);
     let lasting = watch.changes(|alarm| alarm.state == State::Lasting);
-    let Watch { alarms, learned, remembered, .. } = watch;
+    let Watch { alarms, learned, .. } = watch;
     // It is that of the last day, learned beside changes that last; on a day that settles one it is learned here.
-    let learned = Learned::up_to_date(learned, remembered.as_ref(), &kept, &known);
+    let learned = Learned::up_to_date(learned, &kept, &known);
     let to_remember = learned.as_ref().map(|learned| learned.to_remember(&kept, &lasting));
     let cleaned = learned.and_then(|learned| learned.cleaned(&kept, &known));
     let needed = LEAST_BEFORE + LEAST_AFTER;
@@ -184,8 +186,6 @@ struct Watch<'a> {
     alarm_from: f64,
     alarms: Vec<Alarm>,
     learned: Option<Learned>,
-    /// What an earlier judgement has learned.
-    remembered: Option<Remembered>,
 }
 
 impl Watch<'_> {
@@ -203,7 +203,7 @@ impl Watch<'_> {
         let today_s = blocks.last()?.time_s;
         let known: Vec<usize> =
             self.changes(|alarm| alarm.state == State::Lasting).into_iter().filter(|day| *day < days).collect();
-        self.learned = Learned::up_to_date(self.learned.take(), self.remembered.as_ref(), blocks, &known);
+        self.learned = Learned::up_to_date(self.learned.take(), blocks, &known);
         let found = self.learned.as_ref()?.evidence(blocks, &known)?;
         let stands_out = found.log > self.alarm_from && self.is_large(&found);
         let (alarm_from, told) = (self.alarm_from, self.told(&found, blocks));
