@@ -11,6 +11,7 @@ use nalgebra_sparse::{CooMatrix, CscMatrix};
 use super::bulk_data::{cards, real};
 use super::layout::ROW_DIRECTIONS;
 use super::matrix_files::{COMPLEX, MOST_ROWS, words};
+use crate::record::listed;
 
 /// A node and its degree of freedom from 1; 0 of a scalar point. Abaqus' own nodes count below zero.
 type Row = (i64, u8);
@@ -174,7 +175,7 @@ pub(super) fn dmig(text: &str, wanted: &str) -> Result<NodeMatrix, String> {
     }
     match (form, matrix.entries.is_empty()) {
         (None, _) if others.is_empty() => Err("no DMIG cards in it".to_owned()),
-        (None, _) => Err(format!("no DMIG matrix `{wanted}`: it has {}", others.join(", "))),
+        (None, _) => Err(format!("no DMIG matrix `{wanted}`: it has {}", listed(others, ""))),
         (_, true) => Err(format!("DMIG {wanted} has no entries")),
         (Some(6), _) => Ok(matrix.mirrored()),
         _ => Ok(matrix),

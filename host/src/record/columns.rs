@@ -3,7 +3,7 @@
 use std::fmt;
 use std::path::Path;
 
-use super::error::RecordError;
+use super::error::{RecordError, listed};
 use super::response_name::{ResponseName, find_response, same_responses};
 use crate::study::{STANDARD_GRAVITY_M_S2, Sensor, Setup, Unit};
 
@@ -45,16 +45,13 @@ impl PartialEq for Columns {
 impl fmt::Display for Columns {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Columns::Named(names) => write!(formatter, "the columns `{}`", names.join("`, `")),
-            Columns::Paths(names) => write!(formatter, "the channels `{}`", names.join("`, `")),
+            Columns::Named(names) => write!(formatter, "the columns {}", listed(names, "`")),
+            Columns::Paths(names) => write!(formatter, "the channels {}", listed(names, "`")),
             Columns::Numbered(1) => write!(formatter, "1 column without a name, which is channel 1"),
             Columns::Numbered(count) => {
                 write!(formatter, "{count} columns without names, which are channels 1 to {count}")
             }
-            Columns::Responses(names) => {
-                let names: Vec<String> = names.iter().map(ToString::to_string).collect();
-                write!(formatter, "the time responses `{}`", names.join("`, `"))
-            }
+            Columns::Responses(names) => write!(formatter, "the time responses {}", listed(names, "`")),
         }
     }
 }

@@ -255,3 +255,43 @@ pub(crate) fn quoted(cell: &[u8]) -> String {
     let ellipsis = if cell.len() > LONGEST { "…" } else { "" };
     format!("{}{ellipsis}", text.escape_debug())
 }
+
+/// Things as an error lists them: as many as one reads, each short, and how many more there are.
+pub(crate) fn listed<T: fmt::Display>(things: impl IntoIterator<Item = T>, around: &str) -> String {
+    const LONGEST: usize = 300;
+    const LONGEST_OF_ONE: usize = 60;
+    let mut list = String::new();
+    let mut things = things.into_iter();
+    while list.len() < LONGEST {
+        let Some(thing) = things.next() else { return list };
+        let thing = thing.to_string();
+        let mut rest = thing.char_indices().skip(LONGEST_OF_ONE);
+        let shown = match rest.next() {
+            Some((end, _)) => &format!("{}…", thing.get(..end).unwrap_or_default()),
+            None => &thing,
+        };
+        let comma = if list.is_empty() { "" } else { ", " };
+        list.push_str(&format!("{comma}{around}{shown}{around}"));
+    }
+    match things.count() {
+        0 => list,
+        more => format!("{list} and {more} more"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::listed;
+
+    #[test]
+    fn lists_end_where_nobody_reads_on() {
+        assert_eq!(listed(["x", "y"], "`"), "`x`, `y`");
+        assert_eq!(listed::<&str>([], "`"), "");
+        let names: Vec<String> = (1..=500).map(|number| format!("channel {number:03}")).collect();
+        let list = listed(&names, "`");
+        assert!(list.starts_with("`channel 001`, `channel 002`"), "{list}");
+        assert!(list.ends_with("`channel 021`, `channel 022` and 478 more") && list.len() < 400, "{list}");
+        let long = "ü".repeat(400);
+        assert_eq!(listed([&long], "`"), format!("`{}…`", "ü".repeat(60)));
+    }
+}

@@ -18,6 +18,8 @@ use crate::study::Setup;
 const MOST_APART_ROWS: f64 = 0.5;
 /// An offset below this part of a row moves a phase by less than 0.4 degrees at a tenth of the sampling rate.
 const LEAST_OFFSET_ROWS: f64 = 0.01;
+/// Loggers whose channels an error lists.
+const MOST_LISTED: usize = 2;
 
 /// Files that follow each other, and how far they are read.
 #[derive(Debug)]
@@ -87,7 +89,12 @@ fn beside(setup: &Setup, files: Vec<SourceFile>, otherwise: RecordError) -> Resu
             }
             (None, _) => {
                 let file = firsts.first().map(|file| file.path.clone()).unwrap_or_default();
-                let available: Vec<String> = groups.iter().map(|(columns, _)| columns.to_string()).collect();
+                let mut available: Vec<String> =
+                    groups.iter().take(MOST_LISTED).map(|(columns, _)| columns.to_string()).collect();
+                let more = groups.len().saturating_sub(MOST_LISTED);
+                if more > 0 {
+                    available.push(format!("and those of {more} more loggers"));
+                }
                 let available = available.join(", other files ");
                 return Err(RecordError::UnknownChannel { file, channel: channel(), available });
             }

@@ -13,7 +13,7 @@ use nalgebra::DMatrix;
 use nalgebra_sparse::CooMatrix;
 
 use super::array::{ArrayReader, Layout, Source};
-use super::error::MatError;
+use super::error::{MatError, listed};
 use element::MatFile;
 
 pub use element::{Class, Variable};
@@ -182,7 +182,7 @@ fn list(variables: &[Variable]) -> String {
     if variables.is_empty() {
         return "no variables".to_owned();
     }
-    variables.iter().map(Variable::to_string).collect::<Vec<_>>().join(", ")
+    listed(variables, "")
 }
 
 /// Rows and columns of a variable that must be a real matrix.

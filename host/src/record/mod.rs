@@ -45,8 +45,8 @@ use std::path::Path;
 
 pub use block::Block;
 pub(crate) use columns::si_factor;
-pub(crate) use error::quoted;
 pub use error::{At, FilePosition, MatError, RecordError};
+pub(crate) use error::{listed, quoted};
 pub(crate) use files::matching_files;
 pub use hdf5::Hdf5Error;
 pub(crate) use mseed::head as mseed_head;

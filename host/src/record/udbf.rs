@@ -10,7 +10,7 @@ use std::path::Path;
 
 use super::array::{Sample, Source, whole_number};
 use super::channels::{Form, wrong_form};
-use super::error::RecordError;
+use super::error::{RecordError, listed};
 use super::files::open_file;
 use super::traces::{Piece, Traces};
 
@@ -144,7 +144,10 @@ fn parse(bytes: &[u8]) -> Result<Head, String> {
     let start_ns = (start_days * day_factor - FROM_OLE_DAYS) * DAY_NS;
     let is_time = step_s.is_normal() && step_s > 0.0 && start_ns.abs() < i64::MAX as f64;
     if !(is_time && rate_hz.is_normal() && rate_hz > 0.0) {
-        return Err(format!("{rate_hz} samples a second, of times in steps of {step_s} s from day {start_days} on"));
+        // A damaged number may have 300 digits unless it has an exponent.
+        return Err(format!(
+            "{rate_hz:?} samples a second, of times in steps of {step_s:?} s from day {start_days:?} on"
+        ));
     }
     let mut row_bytes = time.bytes() as u64;
     let mut variables = Vec::new();
@@ -161,10 +164,10 @@ fn parse(bytes: &[u8]) -> Result<Head, String> {
         if matches!(direction, 1 | 3) {
             continue;
         }
-        let sample =
-            sample_of(kind).ok_or_else(|| format!("variable `{name}` is of type {kind}, which is not known"))?;
+        let sample = sample_of(kind)
+            .ok_or_else(|| format!("variable {} is of type {kind}, which is not known", listed([&name], "`")))?;
         if !names.insert(name.clone()) {
-            return Err(format!("two variables are called `{name}`; rename one in the logger"));
+            return Err(format!("two variables are called {}; rename one in the logger", listed([&name], "`")));
         }
         variables.push((name, Some(unit).filter(|unit| !unit.is_empty()), sample, row_bytes));
         row_bytes += sample.bytes() as u64;
@@ -254,7 +257,7 @@ fn pieces(path: &Path, file: &mut File, head: &Head, rows: u64) -> Result<Vec<(u
         }
         if pieces.len() > MOST_PIECES {
             let rate_hz = head.rate_hz;
-            return wrong_form(path, format!("the times of its rows do not fit its rate of {rate_hz} Hz"));
+            return wrong_form(path, format!("the times of its rows do not fit its rate of {rate_hz:?} Hz"));
         }
     }
     pieces.push((begun.0, rows - begun.0, begun.1));

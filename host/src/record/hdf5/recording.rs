@@ -10,7 +10,7 @@ use crate::record::array::{ArrayReader, Layout};
 use crate::record::channels::{Channel, ChannelReader, Form, Stretch};
 use crate::record::clock::{Clock, check_rate, is_rate};
 use crate::record::columns::{Columns, is_time_column};
-use crate::record::error::{At, FilePosition, RecordError};
+use crate::record::error::{At, FilePosition, RecordError, listed};
 use crate::record::row_reader::RowReader;
 use crate::study::Setup;
 
@@ -77,7 +77,7 @@ impl Hdf5Recording {
                 && paths.find(&sensor.channel, path).is_ok()
         });
         let named = |objects: &[&Object]| {
-            objects.iter().map(|object| format!("`{}` ({})", object.path, sizes(object))).collect::<Vec<_>>().join(", ")
+            listed(objects.iter().map(|object| format!("`{}` ({})", object.path, sizes(object))), "")
         };
         let wrong = |reason: String| RecordError::Format { file: path.to_owned(), reason };
         let (rows, parts) = match matrices[..] {

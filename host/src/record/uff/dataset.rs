@@ -9,7 +9,7 @@ use std::path::Path;
 
 use crate::numbers::fortran;
 use crate::record::array::Sample;
-use crate::record::error::{At, FilePosition, RecordError, quoted};
+use crate::record::error::{At, FilePosition, RecordError, listed, quoted};
 use crate::record::response_name::ResponseName;
 
 /// Specific data types, of record 9.
@@ -90,7 +90,7 @@ pub(super) fn time_responses(path: &Path, file: &mut File, bytes: u64) -> Result
         }
     }
     if responses.is_empty() {
-        let found = if others.is_empty() { "no datasets".to_owned() } else { others.join(", ") };
+        let found = if others.is_empty() { "no datasets".to_owned() } else { listed(others, "") };
         return Err(RecordError::NoTimeResponse { file: path.to_owned(), found });
     }
     Ok(responses)
