@@ -13,7 +13,7 @@ work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
 "$here/stage.sh" "$program" "$work/stage"
 mkdir "$work/$name"
-cp "$work/stage/usr/bin/belfry" "$here"/../LICENSE* "$here/../CHANGELOG.md" "$here/../README.md" "$here/70-belfry.rules" "$work/$name"
+cp "$work/stage/usr/bin/belfry" "$here"/../LICENSE* "$here/../CHANGELOG.md" "$here/README.md" "$here/70-belfry.rules" "$work/$name"
 cp -r "$work/stage/usr/share" "$work/$name/share"
 
 mkdir -p "$folder"

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Lays out what a package of Belfry installs, from a program that is built: packaging/stage.sh PROGRAM FOLDER
 #
-# Program, manual, completions, licences and the rules that let users at this computer talk to nodes, below FOLDER/usr.
+# Program, manual, completions, guides, licences and the rules that let users at this computer talk to nodes, below FOLDER/usr.
 set -euo pipefail
 here=$(cd "$(dirname "$0")" && pwd)
 
@@ -22,6 +22,7 @@ completion fish fish/vendor_completions.d/belfry.fish
 
 install -D -m 644 "$here/70-belfry.rules" "$usr/lib/udev/rules.d/70-belfry.rules"
 documents=$usr/share/doc/belfry
+"$here/documents.sh" "$documents"
 install -D -m 644 "$here/../LICENSE" "$documents/copyright"
 install -m 644 "$here/../LICENSE-MIT" "$here/../LICENSE-APACHE" "$documents"
 gzip --best --no-name --stdout "$here/../CHANGELOG.md" >"$documents/changelog.gz"

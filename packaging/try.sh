@@ -3,7 +3,7 @@
 #
 # A .deb goes into an empty root with a package database of its own, an archive into an empty folder, a wheel into a virtual environment of
 # python3 (or of what BELFRY_PYTHON names). The program then runs without this computer's settings: a study is made, simulated, identified
-# and looked at, and the manual and completions are where they belong. Of a wheel the tests in python/tests are run, its types are checked,
+# and looked at, and the manual, completions and guides are where they belong. Of a wheel the tests in python/tests are run, its types are checked,
 # and the tutorial is run as a notebook.
 set -euo pipefail
 repository=$(cd "$(dirname "$0")/.." && pwd)
@@ -26,9 +26,33 @@ story() {
     )
 }
 
+# Guides and schemas below share/doc; what a guide links to is there.
+documents() {
+    local documents=$1/doc/belfry file
+    for file in README.md tutorial.md formats.md schema/identify-1.json schema/error-1.json; do
+        test -s "$documents/$file" || { echo "error: the package lacks $documents/$file" >&2; return 1; }
+    done
+    for file in "$documents"/*.md; do
+        links "$file"
+    done
+}
+
+# Links of a text lead to files beside it, or to the web.
+links() {
+    local file=$1 target
+    # Between back quotes brackets are code.
+    sed 's/`[^`]*`//g' "$file" | { grep --only-matching ']([^)]*)' || true; } | sed 's/^](//; s/)$//; s/#.*//' | while read -r target; do
+        case $target in
+            '' | http:* | https:* | mailto:*) ;;
+            *) test -e "$(dirname "$file")/$target" || { echo "error: $file links to $target, which the package lacks" >&2; return 1; } ;;
+        esac
+    done
+}
+
 # What a package installs beside the program.
 files() {
     local share=$1 name
+    documents "$share"
     for name in identify diagnose look; do
         gzip --decompress --stdout "$share/man/man1/belfry-$name.1.gz" | grep --quiet "belfry.*$name"
     done
@@ -44,6 +68,7 @@ wheel() {
     # Nothing but what it asks for.
     (cd "$place" && run_in "$place/home" "$bin/python" -c 'import belfry; print("module", belfry.__version__)')
     story "$bin/belfry" "$place/home"
+    documents "$place/venv/share"
     "$bin/python" -m pip install --quiet --requirement "$repository/python/tests/requirements.txt"
     (
         cd "$place"
@@ -52,7 +77,7 @@ wheel() {
         run_in "$place/home" "$bin/python" "$repository/packaging/notebook.py" --run
     )
     "$bin/python" -m pip uninstall --quiet --yes belfry
-    test ! -e "$bin/belfry" && test ! -e "$place"/venv/lib/python*/site-packages/belfry
+    test ! -e "$bin/belfry" && test ! -e "$place/venv/share/doc/belfry/README.md" && test ! -e "$place"/venv/lib/python*/site-packages/belfry
 }
 
 for file in "$@"; do
@@ -78,6 +103,7 @@ for file in "$@"; do
             tar --extract --gzip --file "$file" --directory "$place" --strip-components 1
             story "$place/belfry" "$place/home"
             files "$place/share"
+            links "$place/README.md"
             ;;
         *.whl)
             wheel "$file" "$place"

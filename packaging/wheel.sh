@@ -2,7 +2,7 @@
 # Makes a Python wheel of the module in python/ and of a program that is built: packaging/wheel.sh PROGRAM FOLDER [PROFILE]
 #
 # The module is compiled with PROFILE (release), which the program should have too, so that both compute the same. One wheel serves all
-# Pythons from 3.9. It carries the program as a file, not as a function of the module: `belfry serve` starts itself, the program starts in
+# Pythons from 3.9. It carries guides and schemas, and the program as a file, not as a function of the module: `belfry serve` starts itself, the program starts in
 # milliseconds, and it is the same in all packages. maturin is installed into a virtual environment below the target folder. The wheel's
 # path is printed.
 set -euo pipefail
@@ -23,6 +23,7 @@ data=$root/python/belfry.data
 trap 'rm -rf "$data"' EXIT
 install -D -m 755 "$program" "$data/scripts/belfry"
 ! command -v strip >/dev/null || strip --strip-unneeded "$data/scripts/belfry"
+"$here/documents.sh" "$data/data/share/doc/belfry"
 
 mkdir -p "$folder"
 made=$(mktemp -d "$folder/wheel.XXXXXX")

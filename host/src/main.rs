@@ -7,6 +7,7 @@ use belfry_host::command::{
     export, history, identify, init, key, look, man, plan, ports, profile, remove, replay, report, serve, simulate,
     update, watch, work,
 };
+use clap::error::{Error, ErrorKind};
 use clap::{CommandFactory, Parser, Subcommand};
 
 /// Finds how a tall structure moves, and why its model is wrong
@@ -68,8 +69,14 @@ enum Command {
     Man(man::Arguments),
 }
 
+/// The exit status of wrong usage.
+const WRONG_USAGE: u8 = 2;
+
 fn main() -> ExitCode {
-    let CommandLine { json, command } = CommandLine::parse();
+    let CommandLine { json, command } = match CommandLine::try_parse() {
+        Ok(line) => line,
+        Err(error) => return not_run(&error),
+    };
     let console = Console::new(json);
     let outcome = match &command {
         Command::Demo(arguments) => demo::run(arguments, &console),
@@ -111,9 +118,54 @@ fn main() -> ExitCode {
     }
 }
 
+/// Tells of a command line that runs no command: help and the version, or wrong usage.
+fn not_run(error: &Error) -> ExitCode {
+    // Where nobody reads there is nobody to tell.
+    let _ = error.print();
+    if !error.use_stderr() {
+        return ExitCode::SUCCESS;
+    }
+    // What the parser has understood is lost with the error.
+    let is_json = std::env::args_os().take_while(|word| word != "--").any(|word| word == "--json");
+    Console::new(is_json).misused(sentence(error));
+    ExitCode::from(WRONG_USAGE)
+}
+
+/// What is wrong with the usage, without the usage itself.
+fn sentence(error: &Error) -> String {
+    if error.kind() == ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand {
+        return "a command or an argument is missing; --help lists them".to_owned();
+    }
+    let text = error.render().to_string();
+    let text = text.strip_prefix("error: ").unwrap_or(&text);
+    let paragraphs = text.split("\n\n").map(|paragraph| paragraph.split_whitespace().collect::<Vec<_>>().join(" "));
+    let is_message = |paragraph: &String| {
+        !paragraph.is_empty() && !paragraph.starts_with("Usage: ") && !paragraph.starts_with("For more information")
+    };
+    paragraphs.filter(is_message).collect::<Vec<_>>().join("; ")
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn wrong_usage_is_one_sentence() {
+        let told = |words: &[&str]| sentence(&CommandLine::try_parse_from([&["belfry"], words].concat()).unwrap_err());
+        let missing = told(&["identify", "--json"]);
+        assert!(missing.contains("required") && missing.contains("<STUDY>"), "{missing}");
+        let wrong = told(&["look", "a.npy", "--rate", "x"]);
+        assert!(
+            wrong.contains("'x'") && wrong.contains("--rate") && wrong.contains("expected rows per second"),
+            "{wrong}"
+        );
+        let unknown = told(&["look", "a.npy", "--rat", "50"]);
+        assert!(unknown.contains("'--rat'") && unknown.contains("; tip: "), "{unknown}");
+        for sentence in [missing, wrong, unknown, told(&["key"]), told(&["castle"])] {
+            let is_bare = !sentence.is_empty() && !sentence.contains("Usage") && !sentence.contains("For more");
+            assert!(is_bare && !sentence.contains('\n'), "{sentence}");
+        }
+    }
 
     /// Help is wrapped by the terminal's width. A paragraph that is broken by hand as well would be wrapped twice, and so would an
     /// example that is wider than a terminal.

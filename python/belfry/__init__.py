@@ -7,13 +7,14 @@ and floats.
 
 from ._array import identify
 from ._belfry import version as _version
-from ._errors import BelfryError
+from ._errors import ArgumentError, BelfryError
 from ._results import Candidate, Change, Comparison, Diagnosis, Effect, Modes, Parameter, Sensor, Update
 from ._study import Study
 
 __version__: str = _version()
 
 __all__ = [
+    "ArgumentError",
     "BelfryError",
     "Candidate",
     "Change",

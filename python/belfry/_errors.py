@@ -16,3 +16,7 @@ class BelfryError(Exception):
 
     def __str__(self) -> str:
         return "\n  caused by: ".join((self.message, *self.causes))
+
+
+class ArgumentError(BelfryError, ValueError):
+    """An argument that cannot be meant; its message names the argument."""

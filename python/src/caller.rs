@@ -60,9 +60,17 @@ pub(crate) fn work<T: Send>(
 /// The package's exception, which says of an error what the program prints of it.
 pub(crate) fn exception(error: &anyhow::Error) -> PyErr {
     let FailureReport { message, causes } = FailureReport::of(error);
+    raised("BelfryError", message, causes)
+}
+
+/// The package's exception of an argument that cannot be meant; `message` begins with the argument's name.
+pub(crate) fn wrong_argument(message: String) -> PyErr {
+    raised("ArgumentError", message, Vec::new())
+}
+
+fn raised(kind: &str, message: String, causes: Vec<String>) -> PyErr {
     Python::attach(|py| {
-        let of_package =
-            || py.import("belfry._errors")?.getattr("BelfryError")?.cast_into::<PyType>().map_err(PyErr::from);
+        let of_package = || py.import("belfry._errors")?.getattr(kind)?.cast_into::<PyType>().map_err(PyErr::from);
         match of_package() {
             Ok(kind) => PyErr::from_type(kind, (message, causes)),
             Err(broken) => broken,

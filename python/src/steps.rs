@@ -13,13 +13,12 @@ use belfry_host::results::{MODES_FILE, Versioned};
 use belfry_host::story::{self, IdentifyRequest, Method, Project, Route};
 use belfry_host::study::{Direction, Study};
 use belfry_host::update::Weights;
-use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pythonize::{depythonize, pythonize};
 use serde::Serialize;
 use serde_json::{Value, json};
 
-use crate::caller::{exception, open_alone, work};
+use crate::caller::{exception, open_alone, work, wrong_argument};
 
 /// Who hears of progress.
 type Listener = Option<Py<PyAny>>;
@@ -79,7 +78,7 @@ fn method(name: &str) -> PyResult<Method> {
         "both" => Ok(Method::Both),
         "spectra" => Ok(Method::Spectra),
         "subspace" => Ok(Method::Subspace),
-        _ => Err(PyValueError::new_err(format!("method is {name:?}; expected \"both\", \"spectra\" or \"subspace\""))),
+        _ => Err(wrong_argument(format!("method: expected 'both', 'spectra' or 'subspace', found {name:?}"))),
     }
 }
 
@@ -98,7 +97,7 @@ pub(crate) fn identify<'py>(
         .transpose()
         .ok()
         .filter(|every| every.is_none_or(|every| every >= Duration::from_secs(1)));
-    let every = every.ok_or_else(|| PyValueError::new_err("every_s: expected a second at least"))?;
+    let every = every.ok_or_else(|| wrong_argument("every_s: expected a second at least".to_owned()))?;
     let route = if direct { Route::Direct } else { Route::Nodes(FleetOptions::default()) };
     let request = IdentifyRequest { route, method: self::method(method)?, every, wish: Some(Wish::default()) };
     step(py, &path, on_progress, |project, on_progress| {
@@ -121,7 +120,7 @@ pub(crate) fn identify_recording<'py>(
         let text = toml::to_string(&document).context("the arguments cannot be written as study.toml")?;
         // Without the folder: errors name a study.toml that nobody has written.
         let mut study = Study::from_text(&text, Path::new(""))
-            .context("an argument is not what it must be; study.toml would have it so")?;
+            .context("an argument is not what it must be, in the words of a study.toml")?;
         study.folder = folder;
         let mut report = story::identify(&study, Route::Direct, method, on_progress)?;
         if let Some(reason) = report.why_no_modes() {
@@ -168,7 +167,7 @@ pub(crate) fn update<'py>(
 ) -> PyResult<Bound<'py, PyAny>> {
     let weights = shape_weights.iter().chain([&frequency_weight]);
     if shape_weights.is_empty() || !weights.into_iter().all(|weight| weight.is_finite() && *weight > 0.0) {
-        return Err(PyValueError::new_err("frequency_weight, shape_weights: expected numbers above 0"));
+        return Err(wrong_argument("frequency_weight, shape_weights: expected numbers above 0".to_owned()));
     }
     let weights = Weights { frequency: frequency_weight, shape: shape_weights };
     step(py, &path, on_progress, |project, _| as_json("update-1", &project.update(&modes, &weights)?))

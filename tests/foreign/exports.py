@@ -54,7 +54,11 @@ def measured_modes():
         assert abs(frequency_hz / mode["frequency_hz"] - 1) < 1e-5, (frequency_hz, mode["frequency_hz"])
     [nodes] = sets(path, 15)
     lines = sets(path, 82)
-    assert lines and nodes_of_lines(lines) <= {int(node) for node in nodes["node_nums"]}
+    numbers = [int(node) for node in nodes["node_nums"]]
+    assert nodes_of_lines(lines) == set(numbers)
+    # Sensors at one place are one node.
+    places = list(zip(nodes["x"], nodes["y"], nodes["z"]))
+    assert len(set(places)) == len(places) == len(set(numbers)), places
     table = pyarrow.parquet.read_table(FOLDER / "modes.parquet").to_pydict()
     expected = [(mode["number"], part["channel"], part["re"], part["im"]) for mode in modes for part in mode["shape"]]
     found = sorted(zip(table["mode"], table["channel"], table["re"], table["im"]))

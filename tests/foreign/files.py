@@ -51,7 +51,8 @@ def matlab(path, variables, **options):
                 file[name] = np.frombuffer(value.encode("utf-16-le"), "u2").reshape(-1, 1)
                 file[name].attrs["MATLAB_class"] = np.bytes_("char")
             else:
-                large = {"chunks": (1, 64), "compression": "gzip"} if value.size > 50 else {}
+                chunks = (1, 64) if value.ndim == 2 else (64, 1)
+                large = {"chunks": chunks, "compression": "gzip"} if value.size > 50 else {}
                 dataset = file.create_dataset(name, data=np.atleast_2d(value).T, **large)
                 dataset.attrs["MATLAB_class"] = np.bytes_("double")
     block = b"MATLAB 7.3 MAT-file, Platform: GLNXA64, Created on: Sun Nov 29 12:00:00 2026 HDF5 schema 1.00 ."
@@ -80,6 +81,27 @@ def write_hdf5():
         file["flat"] = RECORD[:3]
     with h5py.File(FOLDER / "h5py_unread.h5", "w", libver="latest") as file:
         file.create_dataset("listed", data=RECORD, chunks=(50, 2))
+
+
+def write_vectors():
+    """A vector of each channel, with times of which some are missing, numbers that are to be scaled, and a channel that ends early."""
+    import scipy.io
+
+    kept = np.r_[0:100, 150:ROWS]
+    times_s = 1772366400.25 + np.arange(ROWS) / RATE_HZ
+    with h5py.File(FOLDER / "h5py_gap.h5", "w") as file:
+        file["time"] = times_s[kept]
+        for name, column in zip(NAMES, RECORD.T):
+            file[name] = column[kept]
+        file["short"] = RECORD[kept[:-1], 0]
+        file["weights"] = np.ones(10)
+    with h5py.File(FOLDER / "h5py_scaled.h5", "w") as file:
+        file.attrs["start_time"] = "2026-03-01T12:00:00.25Z"
+        dataset = file.create_dataset("data", data=COUNTS.astype("i4") + 5)
+        dataset.attrs.update({"scale_factor": 2.0**-23, "add_offset": -5 * 2.0**-23, "dt": 1 / RATE_HZ})
+    vectors = {"fs": RATE_HZ, "t": np.arange(ROWS) / RATE_HZ, "top_x": RECORD[:, 0], "top_y": RECORD[:, 1], "note": "a mast"}
+    scipy.io.savemat(FOLDER / "scipy_vectors.mat", vectors, do_compression=True, oned_as="column")
+    matlab(FOLDER / "matlab73_vectors.mat", {name: np.asarray(value) for name, value in vectors.items() if name != "note"})
 
 
 def write_nastran():
@@ -323,6 +345,7 @@ def write_udbf():
 
 np.save(FOLDER / "same.npy", RECORD)
 write_hdf5()
+write_vectors()
 write_complex()
 write_nastran()
 write_geometry()

@@ -31,10 +31,13 @@ const EXAMPLES: &str = "Examples:
   belfry export canton --format parquet          modes as a table
   belfry export canton --of lines                every window's complex lines
   belfry export canton --of animation            every mode in motion, as APNG
+  belfry export canton --of animation --mode 2 --output mode-2.gif
   belfry export canton --of model                matrices with effects, and its modes
   belfry export canton --of model --fitted-background --format npy
 
 Modes are those that `belfry identify` found; spectra are measured anew. Files go into the study's folder `results/export`: modes.uff, modes.csv, modes.json, psd.parquet, lines.parquet. Columns are named with their units.
+
+Each mode in motion is a file, animation_1.png and so on. --output with the ending .png or .gif is one file instead, of the mode that --mode names, or of all modes one after the other; browsers and office programs play GIF, browsers APNG, too.
 
 A model is written as stiffness.mtx and mass.mtx (damping.mtx where it has dashpots), dofs.csv (where each row of the matrices stands), model_shapes.csv and .parquet (its modes at every degree of freedom, of unit modal mass) and model_modes.uff, .csv and .parquet (the same at the sensors). [model] matrices in a study.toml reads it. Effects that are no part of stiffness and mass, such as faults of sensors, are named and left out.";
 
@@ -51,9 +54,12 @@ pub struct Arguments {
     /// What to export
     #[arg(long = "of", value_enum, default_value_t = Content::Modes)]
     pub content: Content,
-    /// The file to write, for a model and animations the folder; a file's ending says the format where --format does not
+    /// The file to write, for a model the folder, for animations either; a file's ending says the format where --format does not
     #[arg(long, value_name = "FILE")]
     pub output: Option<PathBuf>,
+    /// The number of the mode to animate [default: all]
+    #[arg(long, value_name = "N")]
+    pub mode: Option<usize>,
     /// Write the model with its segments as they fit the measured modes best, within the tolerance
     #[arg(long)]
     pub fitted_background: bool,
@@ -99,6 +105,8 @@ pub enum Format {
     Npy,
     /// Animated PNG
     Png,
+    /// Animated GIF
+    Gif,
 }
 
 impl Content {
@@ -108,7 +116,7 @@ impl Content {
             Self::Modes => &[Format::Uff55, Format::Csv, Format::Json, Format::Parquet],
             Self::Psd | Self::Lines => &[Format::Parquet, Format::Csv],
             Self::Model => &[Format::Mtx, Format::Npy],
-            Self::Animation => &[Format::Png],
+            Self::Animation => &[Format::Png, Format::Gif],
         }
     }
 
@@ -143,6 +151,7 @@ impl Format {
             Self::Mtx => "mtx",
             Self::Npy => "npy",
             Self::Png => "png",
+            Self::Gif => "gif",
         }
     }
 
@@ -155,6 +164,7 @@ impl Format {
             Self::Mtx => "mtx",
             Self::Npy => "npy",
             Self::Png => "png",
+            Self::Gif => "gif",
         }
     }
 
@@ -171,7 +181,8 @@ impl Format {
             "parquet" => Some(Self::Parquet),
             "mtx" => Some(Self::Mtx),
             "npy" => Some(Self::Npy),
-            "png" => Some(Self::Png),
+            "png" | "apng" => Some(Self::Png),
+            "gif" => Some(Self::Gif),
             _ => None,
         }
     }
@@ -213,8 +224,8 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     if let (Content::Model, [format]) = (arguments.content, &formats[..]) {
         return model::run(arguments, *format, console);
     }
-    if arguments.content == Content::Animation {
-        return animation::run(arguments, console);
+    if let (Content::Animation, [format]) = (arguments.content, &formats[..]) {
+        return animation::run(arguments, *format, console);
     }
     let mut study = Study::load(&arguments.study)?;
     study.range = arguments.range.range_of(&study)?;
@@ -284,9 +295,16 @@ fn formats(arguments: &Arguments) -> Result<Vec<Format>, String> {
     if arguments.fitted_background && content != Content::Model {
         return Err("--fitted-background goes with --of model\n".to_owned());
     }
+    if arguments.mode.is_some() && content != Content::Animation {
+        return Err("--mode goes with --of animation\n".to_owned());
+    }
+    if content == Content::Animation {
+        animation::usage(arguments)?;
+    }
     let by_ending = || match &arguments.output {
         None => Ok(None),
-        Some(_) if matches!(content, Content::Model | Content::Animation) => Ok(None),
+        Some(_) if content == Content::Model => Ok(None),
+        Some(path) if content == Content::Animation && animation::is_folder(path) => Ok(None),
         Some(path) => Format::of_ending(path).map(Some).ok_or_else(|| {
             format!("--output {}: the ending says nothing about the format; give --format too\n", path.display())
         }),
@@ -332,7 +350,7 @@ fn export_modes(study: &Study, targets: &[(Format, PathBuf)], console: &Console)
                 }
                 write_file(path, &text)?;
             }
-            Format::Json | Format::Mtx | Format::Npy | Format::Png => write_file(path, &modes.json)?,
+            Format::Json | Format::Mtx | Format::Npy | Format::Png | Format::Gif => write_file(path, &modes.json)?,
         }
         rows.push(count);
     }

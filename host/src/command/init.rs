@@ -2,6 +2,7 @@
 //!
 //! A folder's name flows in; the files of the study flow out. What is there already is never overwritten.
 
+mod check;
 mod from;
 
 use std::path::{Path, PathBuf};
@@ -13,7 +14,8 @@ use serde::Serialize;
 use super::Console;
 use super::text::{in_shell, next_lines};
 use crate::files::write_new;
-use crate::record::survey::survey;
+use crate::record::named_files;
+use crate::record::survey::{joined, survey};
 use crate::study::{STUDY_FILE, template};
 
 /// Make a new study: a folder with a study.toml to edit
@@ -26,6 +28,7 @@ Examples:
   belfry init frame --template frame      a building frame of five storeys, matrices with a group a storey
   belfry init bridge --template bridge    a bridge of three spans, matrices with groups by span and bearing
   belfry init mast --from mast/*.tdms     look into recordings, and write what they say of themselves
+  belfry init mast --from mast            the same of all recordings in a folder
   belfry init . --json                    in this folder, and say what was written as JSON")]
 pub struct Arguments {
     /// Folder of the study; made where it does not exist
@@ -34,7 +37,7 @@ pub struct Arguments {
     /// What the study starts from
     #[arg(long, value_enum, default_value_t = Template::Blank)]
     pub template: Template,
-    /// Recordings to look into: their channels, rates, units and times become the study, and what they do not say is marked
+    /// Recordings to look into, their folders or patterns in quotes: their channels, rates, units and times become the study, and what they do not say is marked
     #[arg(long, value_name = "FILE", num_args = 1.., conflicts_with = "template")]
     pub from: Vec<PathBuf>,
 }
@@ -90,11 +93,12 @@ impl Template {
             )
         };
         let identify = (format!("identify {study}"), "the modes of the recording");
+        let look = (format!("look {study}"), "what was recorded, and which channels are suspect");
         match self {
             Self::Canton | Self::Turbine => vec![simulate, identify],
             Self::Frame => vec![with_change("storey2"), identify],
             Self::Bridge => vec![with_change("span2"), identify],
-            Self::Blank => vec![identify],
+            Self::Blank => vec![look, identify],
         }
     }
 }
@@ -104,22 +108,32 @@ struct Report<'a> {
     study: String,
     files: Vec<&'a str>,
     next: String,
+    /// What recordings hold and the study leaves out, and what of it cannot be read.
+    warnings: Vec<String>,
 }
 
-/// Writes the template's files into the folder and says what comes next.
+/// Writes the template's files, or a study of recordings, into the folder and says what comes next.
 ///
 /// # Errors
-/// When one of the files exists already, or cannot be written.
+/// When one of the files exists already, or cannot be written, or a recording cannot be looked into.
 pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     let folder = &arguments.folder;
-    let (study, own);
-    let files: &[(&str, &str)] = if arguments.from.is_empty() {
-        arguments.template.files()
-    } else {
-        study = from::study(&survey(arguments.from.clone())?, folder);
-        own = [(STUDY_FILE, study.as_str())];
-        &own
-    };
+    if arguments.from.is_empty() {
+        let files = arguments.template.files();
+        write(folder, files)?;
+        return tell(arguments, files, &arguments.template.to_do(folder), Vec::new(), console);
+    }
+    let found = joined(survey(named_files(&arguments.from)?)?);
+    let draft = from::study(&found, folder);
+    let files = [(STUDY_FILE, draft.text.as_str())];
+    write(folder, &files)?;
+    let mut warnings = draft.warnings;
+    warnings.extend(check::failures(&found, folder));
+    tell(arguments, &files, &to_complete(&draft.needed, folder), warnings, console)
+}
+
+/// Writes what is not there yet; where one of the files is, nothing.
+fn write(folder: &Path, files: &[(&str, &str)]) -> anyhow::Result<()> {
     refuse_existing(folder, files)?;
     std::fs::create_dir_all(folder)
         .with_context(|| format!("cannot make the folder {}; name one that you may write to", folder.display()))?;
@@ -128,24 +142,38 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
         // A file which came up since the look above is not overwritten either.
         write_new(&path, content.as_bytes()).with_context(|| format!("cannot write {}", path.display()))?;
     }
+    Ok(())
+}
 
-    let to_do = if arguments.from.is_empty() {
-        arguments.template.to_do(folder)
-    } else {
-        let file = folder.join(STUDY_FILE);
-        format!("Complete the lines with {} in {}: what the recordings do not say.", from::TO_DO, file.display())
-    };
+/// What the user completes in a study of recordings, in a sentence.
+fn to_complete(needed: &[&str], folder: &Path) -> String {
+    let complete = format!("Complete the lines with {} in {}", from::TO_DO, folder.join(STUDY_FILE).display());
+    if needed.is_empty() {
+        return format!("{complete} where you can: what the recordings do not say, and these commands can do without.");
+    }
+    format!("{complete} first: the recordings do not say {}, and no command does without.", needed.join(", "))
+}
+
+fn tell(
+    arguments: &Arguments,
+    files: &[(&str, &str)],
+    to_do: &str,
+    warnings: Vec<String>,
+    console: &Console,
+) -> anyhow::Result<()> {
+    let folder = &arguments.folder;
     let next = arguments.template.next(folder);
+    console.warn_all(&warnings);
     console.say(format_args!("New study in {}", folder.display()));
     for (name, _) in files {
         console.say(format_args!("  {name}"));
     }
-    console.say(&to_do);
+    console.say(to_do);
     console.say(next_lines(&next));
     let names = files.iter().map(|(name, _)| *name).collect();
     let commands: Vec<String> = next.iter().map(|(command, _)| format!("`belfry {command}`")).collect();
     let next = format!("{to_do} Then run {}", commands.join(", then "));
-    console.json("init-1", &Report { study: folder.display().to_string(), files: names, next })
+    console.json("init-1", &Report { study: folder.display().to_string(), files: names, next, warnings })
 }
 
 /// A study is somebody's work: the first file that is in the way is named, nothing is written.

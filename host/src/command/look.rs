@@ -12,7 +12,7 @@ use crate::files::write_anew;
 use crate::measure::SetupLook;
 use crate::numbers::counted;
 use crate::picture;
-use crate::record::time_of_day;
+use crate::record::{named_files, time_of_day};
 use crate::story::{LookReport, Project, look_at_files};
 use crate::study::STUDY_FILE;
 
@@ -22,7 +22,7 @@ const EXAMPLES: &str = "Examples:
   belfry look a.npy --rate 50 --picture a.svg
   belfry look canton --json
 
-Counts rows, gaps and levels of every channel, and looks for channels that are dead, cut off, held at one value, copies of others, or have nothing in common with them. The lowest modes then tell which channels seem to be reversed, exchanged or in another unit: that takes their heights and directions. `belfry identify` works around most of this, and names it too.
+Counts rows, gaps and levels of every channel, and looks for channels that are dead, cut off, held at one value, copies of others, or have nothing in common with them. The lowest modes then tell which channels seem to be reversed, exchanged or in another unit: that takes directions of sensors at four heights. `belfry identify` works around most of this, and names it too.
 
 Of a study writes look.json and look.svg (every channel over time) into `results`.";
 
@@ -65,7 +65,7 @@ pub fn run(arguments: &Arguments, console: &Console) -> anyhow::Result<()> {
     if let Some(folder) = arguments.paths.iter().find(|path| path.is_dir()) {
         bail!("{} is a folder, beside other paths; name one study, or recordings alone", folder.display());
     }
-    let files = arguments.paths.clone();
+    let files = named_files(&arguments.paths)?;
     let report = console.with_progress(|on_progress| look_at_files(files, arguments.rate, on_progress))?;
     if let Some(file) = &arguments.picture {
         draw("Recordings", &report, file)?;
@@ -154,7 +154,31 @@ fn shapes(report: &LookReport) -> String {
     match &report.shapes.obstacle {
         Some(obstacle) => format!("Shapes were not asked for reversed or exchanged channels: {obstacle}."),
         None => {
-            format!("{} were asked for reversed and exchanged channels.", counted(report.shapes.modes as u64, "mode"))
+            let (modes, were) = (report.shapes.modes as u64, if report.shapes.modes == 1 { "was" } else { "were" });
+            format!("{} {were} asked for reversed and exchanged channels.", counted(modes, "mode"))
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::story::ShapesLook;
+
+    #[test]
+    fn what_was_asked_of_how_many_modes_is_told() {
+        let told = |modes: usize, obstacle: Option<&str>| {
+            let shapes_look = ShapesLook { modes, obstacle: obstacle.map(str::to_owned) };
+            shapes(&LookReport {
+                structure: None,
+                setups: Vec::new(),
+                suspects: Vec::new(),
+                shapes: shapes_look,
+                warnings: Vec::new(),
+            })
+        };
+        assert_eq!(told(1, None), "1 mode was asked for reversed and exchanged channels.");
+        assert_eq!(told(3, None), "3 modes were asked for reversed and exchanged channels.");
+        assert!(told(3, Some("that takes heights")).starts_with("Shapes were not asked"));
     }
 }

@@ -226,6 +226,14 @@ impl Console {
         }
     }
 
+    /// Says to a program that it used the command line wrongly, as [`Console::fail`] says other failures; people are told by the parser of the
+    /// command line itself.
+    pub fn misused(&self, message: String) {
+        let failure = Failure { error: FailureReport { message, causes: Vec::new() } };
+        // Where standard output is closed there is nobody left to tell; the exit status still says it.
+        let _ = self.json(FAILURE, &failure);
+    }
+
     /// Prints one of many JSON objects, on a line of its own; silent without `--json`.
     ///
     /// # Errors

@@ -13,6 +13,7 @@ use super::text::{in_shell, next_lines};
 use crate::files::write_whole;
 use crate::model::effect::Effect;
 use crate::model::{BeamTable, Body, Freedoms, Structure, load_up_to, read_beam};
+use crate::numbers::counted;
 use crate::simulate::{Options, PlannedRecording, Simulation, Truth, adopt, plan, scatter_groups, scattered};
 use crate::study::{Model, Study};
 
@@ -237,9 +238,9 @@ fn refuse_overwriting(
 fn tell(outcome: &Outcome, console: &Console) {
     for recording in &outcome.recordings {
         console.say(format_args!(
-            "{}: {} rows at {} Hz in {}",
+            "{}: {} at {} Hz in {}",
             recording.setup,
-            recording.rows,
+            counted(recording.rows, "row"),
             recording.sampling_rate_hz,
             recording.file.display()
         ));

@@ -151,14 +151,50 @@ fn the_universal_file_says_where_nodes_stand_and_how_they_are_turned() {
     write_modes(folder.path(), NAMES);
     let (text, _) = universal::text(&Modes::load(&study).unwrap(), "Mast");
     assert!(text.starts_with("    -1\n   164\n         1"));
-    // The second sensor's axis x points west: system 11, turned by 180 degrees.
+    // The second sensor's axis x points west: system 11, turned by 180 degrees. The third and the fourth stand at one place.
     assert!(
         text.contains("         2         0        11        11 -1.50000E+00  2.00000E+00  2.05000E+01\n"),
         "{text}"
     );
     assert!(text.contains("        11         0         0         8         1\nazimuth 180 deg\n"));
     assert!(text.contains("  0.00000E+00  0.00000E+00  0.00000E+00 -1.00000E+00"));
-    assert!(text.lines().filter(|line| line.trim() == "-1").count() == 2 * (3 + 2));
+    assert!(
+        text.contains("         3         0        12        11  0.00000E+00  0.00000E+00  3.00000E+01\n    -1\n"),
+        "{text}"
+    );
+    // Lines reach all nodes: the two on the axis are joined, and the one beside it to the nearer. 0 lifts the pen.
+    let lines: Vec<&str> = text.split("    82\n").nth(1).unwrap().lines().take(3).collect();
+    assert_eq!(lines[2].split_whitespace().collect::<Vec<_>>(), ["1", "3", "0", "2", "3", "0"]);
+    assert!(text.lines().filter(|line| line.trim() == "-1").count() == 2 * (4 + 2));
+}
+
+/// A mast with one sensor along y at the top, beside the one along x: four nodes, and one line through all of them.
+#[test]
+fn sensors_at_one_place_are_one_node_of_the_universal_file() {
+    let mast = [
+        "channel = \"low\"\nelevation_m = 20.0\nazimuth_deg = 0.0",
+        "channel = \"middle\"\nelevation_m = 40.0\nazimuth_deg = 0.0",
+        "channel = \"top x\"\nelevation_m = 60.0\nazimuth_deg = 0.0",
+        "channel = \"top y\"\nelevation_m = 60.0\nazimuth_deg = 90.0",
+    ];
+    let folder = tempfile::tempdir().unwrap();
+    let study = study(folder.path(), mast, "m/s2");
+    write_modes(folder.path(), ["low", "middle", "top x", "top y"]);
+    let modes = Modes::load(&study).unwrap();
+    let (text, warnings) = universal::text(&modes, "Mast");
+    assert!(warnings.is_empty(), "{warnings:?}");
+    let nodes = text.split("    15\n").nth(1).unwrap().split("    -1\n").next().unwrap();
+    assert_eq!(nodes.lines().count(), 3);
+    // Both of the top's components stand in one line, x before y.
+    assert!(text.contains("         3\n  1.00000E+00  0.00000E+00  1.00000E-03 -1.00000E-04  0.00000E+00"), "{text}");
+    let lines: Vec<&str> = text.split("    82\n").nth(1).unwrap().lines().take(3).collect();
+    assert_eq!(lines[2].split_whitespace().collect::<Vec<_>>(), ["1", "2", "0", "2", "3", "0"]);
+    // Belfry, which numbers places alike, reads it back.
+    let path = folder.path().join("modes.uff");
+    write_file(&path, &text).unwrap();
+    let back = read(&path, &modes.sensors).unwrap();
+    assert_equal_modes(&read(&modes.file, &modes.sensors).unwrap(), &back, 1e-5, false);
+    assert!(back.warnings.iter().any(|warning| warning.contains("nodes 1 to 3 are taken for the study's places")));
 }
 
 #[test]

@@ -1,9 +1,8 @@
 //! Modes as a universal file: units (dataset 164), the sensors' coordinate systems (18) and places (15), lines between them (82), and a
 //! complex mode each (55), as SDRC's universal file format describes them, columns included.
 //!
-//! A channel is a direction at a node. Channels that are named so (`12x`) keep their node; others become nodes 1 to p in the
-//! study's order, with their component along the node's own axis x (z for vertical ones): a coordinate system says where
-//! that axis points, so that no azimuth is lost.
+//! A channel is a direction at a node. Channels that are named so (`12x`) keep their node; the places of others become nodes 1, 2 and so on
+//! in the study's order ([`crate::modes::nodes`]), with a component along an axis of the node's own coordinate system for each sensor there.
 
 use std::collections::BTreeSet;
 
@@ -11,26 +10,11 @@ use num_complex::Complex64;
 
 use super::modes::{Mode, Modes};
 use crate::modes::node_and_direction;
-use crate::spanning::shortest_lines;
-use crate::study::{Direction, Sensor};
+use crate::modes::nodes::{FIRST_TURNED, GLOBAL, NodeAxis, Turned, numbered, position_m};
+use crate::picture::structural_lines;
+use crate::study::Sensor;
 
-/// The global Cartesian coordinate system.
-const GLOBAL: usize = 0;
-/// Number of the first coordinate system that is turned; 1 and 2 are the global ones of some tools.
-const FIRST_TURNED: usize = 11;
 pub(super) const MARK: &str = "    -1\n";
-
-/// A channel as a direction at a node.
-#[derive(Debug, Clone, Copy, PartialEq)]
-struct NodeAxis {
-    /// Label of the node, from 1.
-    node: i64,
-    /// 0, 1, 2: x, y, z of the node's coordinate system.
-    axis: usize,
-    /// That coordinate system.
-    system: usize,
-    position_m: Option<[f64; 3]>,
-}
 
 /// The file's text, and what the reader of it should know.
 pub fn text(modes: &Modes, title: &str) -> (String, Vec<String>) {
@@ -65,11 +49,7 @@ fn named(sensor: &Sensor) -> Option<(i64, usize)> {
     name.filter(|(node, _)| (1..=9_999_999_999).contains(node))
 }
 
-fn node_axes(sensors: &[Sensor], turned: &mut Vec<[f64; 3]>, warnings: &mut Vec<String>) -> Vec<NodeAxis> {
-    let position_m = |sensor: &Sensor| {
-        let [x, y] = sensor.offset_m;
-        sensor.elevation_m.map(|z| [x, y, z])
-    };
+fn node_axes(sensors: &[Sensor], turned: &mut Vec<Turned>, warnings: &mut Vec<String>) -> Vec<NodeAxis> {
     let mut taken = BTreeSet::new();
     let mut node_axes: Vec<Option<NodeAxis>> = sensors
         .iter()
@@ -78,48 +58,20 @@ fn node_axes(sensors: &[Sensor], turned: &mut Vec<[f64; 3]>, warnings: &mut Vec<
             Some(NodeAxis { node, axis, system: GLOBAL, position_m: position_m(sensor) })
         })
         .collect();
-    let unnamed: Vec<&str> = sensors
-        .iter()
-        .zip(&node_axes)
-        .filter(|(_, node_axis)| node_axis.is_none())
-        .map(|(sensor, _)| sensor.channel.as_str())
-        .collect();
-    if !taken.is_empty() && !unnamed.is_empty() {
+    let unnamed =
+        || sensors.iter().zip(&node_axes).filter(|(_, node_axis)| node_axis.is_none()).map(|(sensor, _)| sensor);
+    if !taken.is_empty() && unnamed().next().is_some() {
+        let channels: Vec<&str> = unnamed().map(|sensor| sensor.channel.as_str()).collect();
         warnings.push(format!(
             "channel {} is not named by a node and direction of its own, as others are (12x): it gets a node by which Belfry cannot find the channel again",
-            unnamed.join(", ")
+            channels.join(", ")
         ));
     }
     let free = taken.iter().map(|(node, _)| *node).max().unwrap_or(0) + 1;
-    let without = node_axes.iter_mut().zip(sensors).filter(|(node_axis, _)| node_axis.is_none());
-    for (node, (node_axis, sensor)) in (free..).zip(without) {
-        let position_m = position_m(sensor);
-        let (axis, system) = axis(sensor.direction, position_m.is_some(), turned);
-        *node_axis = Some(NodeAxis { node, axis, system, position_m });
-    }
+    let others = numbered(&unnamed().collect::<Vec<_>>(), free, turned);
+    let without = node_axes.iter_mut().filter(|node_axis| node_axis.is_none());
+    without.zip(others).for_each(|(node_axis, other)| *node_axis = Some(other));
     node_axes.into_iter().flatten().collect()
-}
-
-/// Axis and coordinate system of a direction. A node whose place is not known stands in no dataset 15 and so has no system
-/// of its own: its component then goes to the nearest axis.
-fn axis(direction: Option<Direction>, placed: bool, turned: &mut Vec<[f64; 3]>) -> (usize, usize) {
-    let Some(direction) = direction else { return (0, GLOBAL) };
-    let cosines = direction.cosines();
-    if let Some(along) = cosines.iter().position(|cosine| *cosine == 1.0) {
-        return (along, GLOBAL);
-    }
-    if !placed {
-        let nearest = (0..3).max_by(|&a, &b| cosines[a].abs().total_cmp(&cosines[b].abs()));
-        return (nearest.unwrap_or(0), GLOBAL);
-    }
-    // A whole turn more is the same direction, but for rounding.
-    let is_same = |known: &[f64; 3]| known.iter().zip(cosines).all(|(a, b)| (a - b).abs() < 1e-9);
-    let known = turned.iter().position(is_same);
-    let system = known.unwrap_or_else(|| {
-        turned.push(cosines);
-        turned.len() - 1
-    });
-    (0, FIRST_TURNED + system)
 }
 
 /// Dataset 164: SI, metres and newtons.
@@ -132,21 +84,21 @@ pub(super) fn units() -> String {
     )
 }
 
-/// Dataset 18: systems whose X axes are these directions.
-fn systems(turned: &[[f64; 3]]) -> String {
+/// Dataset 18: the coordinate systems that are turned.
+fn systems(turned: &[Turned]) -> String {
     if turned.is_empty() {
         return String::new();
     }
     let mut text = format!("{MARK}    18\n");
-    for (number, &[x, y, z]) in (FIRST_TURNED..).zip(turned) {
+    for (number, &Turned { x: [x, y, z], z: beside }) in (FIRST_TURNED..).zip(turned) {
         text += &format!("{number:10}{:10}{GLOBAL:10}{:10}{:10}\n", 0, 8, 1);
         // To a millionth of a degree: 180, not 179.99999999999997.
         let degrees = |radians: f64| (1e6 * radians.to_degrees()).round() / 1e6;
         let inclination = if z == 0.0 { String::new() } else { format!(", inclination {} deg", degrees(z.asin())) };
         text += &format!("azimuth {} deg{inclination}\n", degrees(y.atan2(x)).rem_euclid(360.0));
-        // The origin, a point of the X axis, and one of the XZ plane: beside a vertical axis the global X.
+        // The origin, a point of the X axis, and one of the XZ plane; a cross product may have a zero with a sign.
         text += &reals(&[0.0, 0.0, 0.0, x, y, z]);
-        text += &reals(if x.hypot(y) > 0.0 { &[0.0, 0.0, 1.0] } else { &[1.0, 0.0, 0.0] });
+        text += &reals(&beside.map(|part| part + 0.0));
     }
     text + MARK
 }
@@ -183,27 +135,22 @@ pub(super) fn trace_lines(lines: &[[i64; 2]], name: &str) -> String {
     text
 }
 
-/// Lines between the nodes of channels of one direction.
+/// Lines of the structure between all nodes whose places are known, by their numbers.
 fn lines_between(node_axes: &[NodeAxis]) -> Vec<[i64; 2]> {
-    let mut directions: Vec<(usize, usize)> = node_axes.iter().map(|one| (one.system, one.axis)).collect();
-    directions.sort_unstable();
-    directions.dedup();
-    let mut lines = Vec::new();
-    for direction in directions {
-        let (nodes, places_m): (Vec<i64>, Vec<[f64; 3]>) = node_axes
-            .iter()
-            .filter(|one| (one.system, one.axis) == direction)
-            .filter_map(|one| Some((one.node, one.position_m?)))
-            .unzip();
-        let label = |at: usize| nodes.get(at).copied();
-        let joined = shortest_lines(&places_m);
-        lines.extend(
-            joined.into_iter().filter_map(|[a, b]| Some([label(a)?, label(b)?])).map(|[a, b]| [a.min(b), a.max(b)]),
-        );
-    }
+    let mut seen = BTreeSet::new();
+    let (nodes, places_m): (Vec<i64>, Vec<[f64; 3]>) = node_axes
+        .iter()
+        .filter_map(|one| Some((one.node, one.position_m?)))
+        .filter(|(node, _)| seen.insert(*node))
+        .unzip();
+    let label = |at: usize| nodes.get(at).copied();
+    let joined = structural_lines(&places_m);
+    let mut lines: Vec<[i64; 2]> = joined
+        .into_iter()
+        .filter_map(|[a, b]| Some([label(a)?, label(b)?]))
+        .map(|[a, b]| [a.min(b), a.max(b)])
+        .collect();
     lines.sort_unstable();
-    // Two directions of one node are joined alike.
-    lines.dedup();
     lines
 }
 
@@ -272,8 +219,7 @@ pub(super) fn exponent(number: f64, decimals: usize, letter: char) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::{axis, eigenvalue, exponent};
-    use crate::study::Direction;
+    use super::{eigenvalue, exponent};
 
     #[test]
     fn numbers_are_written_as_fortran_writes_them() {
@@ -293,18 +239,5 @@ mod tests {
         let eigenvalue = eigenvalue(0.5, 0.02);
         assert!((eigenvalue.norm() - std::f64::consts::PI).abs() < 1e-12);
         assert!((eigenvalue.re / eigenvalue.norm() + 0.02).abs() < 1e-12);
-    }
-
-    #[test]
-    fn directions_off_the_axes_get_a_coordinate_system_each() {
-        let mut azimuths = Vec::new();
-        let mut at = |azimuth: f64, placed: bool| axis(Some(Direction::AzimuthDeg(azimuth)), placed, &mut azimuths);
-        assert_eq!(
-            [at(0.0, true), at(90.0, true), at(18.0, true), at(180.0, true), at(378.0, true)],
-            [(0, 0), (1, 0), (0, 11), (0, 12), (0, 11)]
-        );
-        assert_eq!([at(100.0, false), at(-10.0, false)], [(1, 0), (0, 0)]);
-        let along = |azimuth: f64| Direction::AzimuthDeg(azimuth).cosines();
-        assert_eq!(azimuths, [along(18.0), along(180.0)]);
     }
 }

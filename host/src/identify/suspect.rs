@@ -6,7 +6,7 @@
 use super::result::Mode;
 use super::setup::{MeasuredSetup, of_setup};
 use super::ssi::component_of;
-use crate::study::Sensor;
+use crate::study::{Sensor, Setup};
 
 /// Modes that are looked at: higher ones are not smooth from one sensor to the next.
 const LOWEST_MODES: usize = 4;
@@ -95,6 +95,13 @@ pub(crate) fn suspicions(modes: &[Mode], measured: &[MeasuredSetup<'_>]) -> Vec<
         words: sentence(&channels, fault, measured.len() > 1),
     };
     found.into_iter().map(suspicion).collect()
+}
+
+/// Whether sensors stand so that shapes can tell anything of their channels: in one direction, at enough heights.
+pub(crate) fn can_be_asked(setups: &[Setup]) -> bool {
+    let channel = |(setup, sensor)| Channel { setup, sensor, values: Vec::new() };
+    let sensors = setups.iter().flat_map(|setup| setup.sensors.iter().map(|sensor| (setup.name.as_str(), sensor)));
+    !lines(&sensors.map(channel).collect::<Vec<_>>()).is_empty()
 }
 
 /// What is wrong with channels: each fault makes the shapes smoother, and all together leave them smooth.
@@ -401,6 +408,15 @@ mod tests {
                 assert!(may_pass || found == [fault], "{wrong} {ratio}: {found:?}");
             }
         }
+    }
+
+    #[test]
+    fn without_four_heights_of_one_direction_shapes_tell_nothing_of_channels() {
+        let at = |elevation_m: f64| sensor(elevation_m, Direction::AzimuthDeg(0.0), None);
+        let can = |sensors: Vec<Sensor>| can_be_asked(&[Setup::new("one", 50.0, sensors)]);
+        assert!(can([10.0, 20.0, 30.0, 40.0].map(at).to_vec()));
+        assert!(!can([10.0, 20.0, 30.0, 30.0].map(at).to_vec()));
+        assert!(!can((0..6).map(|number| Sensor::new(number.to_string(), 1)).collect()));
     }
 
     #[test]

@@ -10,6 +10,7 @@ mod drawn;
 mod error;
 mod json;
 mod measured;
+pub(crate) mod nodes;
 mod shape;
 mod stated;
 #[cfg(test)]

@@ -4,7 +4,8 @@
 //! text; record 6 (model type, analysis type 2 for normal and 3 or 7 for complex modes, data characteristic, specific
 //! type, data type 2 real or 5 complex, values a node); record 7 (integers, the mode number the fourth of them, or the
 //! last before); record 8 (frequency, modal mass and damping, or for complex modes the eigenvalue); then for each node its
-//! label and its values. A node's label and direction name a channel or a point: `12x`, `12y`, `12z` (also `12X`, `12:+x`).
+//! label and its values. A node's label and direction name a channel or a point: `12x`, `12y`, `12z` (also `12X`, `12:+x`). Where no channel
+//! is named so, nodes 1, 2 and so on are the places of the study's sensors as [`super::nodes`] numbers them, else its channels in their order.
 
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -13,6 +14,7 @@ use num_complex::Complex64;
 
 use super::channel::known_channels;
 use super::error::MeasuredError;
+use super::nodes::numbered;
 use super::shape::{RawComponent, RawMode};
 use crate::numbers::fortran;
 use crate::study::Sensor;
@@ -32,11 +34,17 @@ pub(super) fn modes(
 ) -> Result<Vec<RawMode>, MeasuredError> {
     let nodal = nodal_modes(path, text)?;
     let named = NodeNames::of(&nodal, sensors);
-    if let NodeNames::InOrder(directions) = &named {
+    let numbered = match &named {
+        NodeNames::Named(_) => None,
+        NodeNames::ByPlace(numbers) => {
+            Some(("places of sensors", numbers.iter().map(|(node, ..)| *node).max().unwrap_or(0)))
+        }
+        NodeNames::InOrder(directions) => Some(("channels", directions.len() as i64)),
+    };
+    if let Some((what, last)) = numbered {
         warnings.push(format!(
-            "{}: nodes 1 to {} are taken for the study's channels in their order, as no channel is named by node and direction (12x)",
-            path.display(),
-            directions.len()
+            "{}: nodes 1 to {last} are taken for the study's {what} in their order, as no channel is named by node and direction (12x)",
+            path.display()
         ));
     }
     nodal
@@ -80,11 +88,7 @@ pub(super) fn modes(
 /// Names of all places at which some mode moves: node and direction, such as `12x`.
 pub(super) fn places(path: &Path, text: &str) -> Result<Vec<String>, MeasuredError> {
     let modes = nodal_modes(path, text)?;
-    let moving = modes.iter().flat_map(|mode| &mode.values).flat_map(|(node, values)| {
-        let moves = (0..3).filter(|&direction| values[direction].norm_sqr() > 0.0);
-        moves.map(|direction| (*node, direction))
-    });
-    let places: BTreeSet<(i64, usize)> = moving.collect();
+    let places: BTreeSet<(i64, usize)> = moving(&modes).collect();
     Ok(places.into_iter().map(|(node, direction)| format!("{node}{}", DIRECTIONS[direction])).collect())
 }
 
@@ -121,6 +125,8 @@ struct NodalMode {
 enum NodeNames {
     /// By names.
     Named(Vec<(i64, usize, usize)>),
+    /// By the numbers that places get where Belfry writes such a file.
+    ByPlace(Vec<(i64, usize, usize)>),
     /// Nodes 1 to p, one direction each, for p sensors.
     InOrder(Vec<usize>),
 }
@@ -138,6 +144,9 @@ impl NodeNames {
             .collect();
         if !named.is_empty() {
             return Self::Named(named);
+        }
+        if let Some(numbers) = by_place(modes, sensors) {
+            return Self::ByPlace(numbers);
         }
         let in_order = modes.first().and_then(|first| {
             let labels_fit = first.values.len() == sensors.len()
@@ -160,7 +169,7 @@ impl NodeNames {
 
     fn sensor(&self, node: i64, direction: usize) -> Option<usize> {
         match self {
-            Self::Named(named) => named
+            Self::Named(named) | Self::ByPlace(named) => named
                 .iter()
                 .find(|(label, along, _)| (*label, *along) == (node, direction))
                 .map(|(_, _, sensor)| *sensor),
@@ -170,6 +179,28 @@ impl NodeNames {
             }
         }
     }
+}
+
+/// Numbers of the sensors' places, where several sensors share one, and the file has these nodes and moves them along these directions alone.
+fn by_place(modes: &[NodalMode], sensors: &[Sensor]) -> Option<Vec<(i64, usize, usize)>> {
+    let numbered = numbered(&sensors.iter().collect::<Vec<_>>(), 1, &mut Vec::new());
+    let nodes: BTreeSet<i64> = numbered.iter().map(|one| one.node).collect();
+    if nodes.len() == sensors.len() {
+        return None;
+    }
+    let of_file: BTreeSet<i64> = modes.first()?.values.iter().map(|(node, _)| *node).collect();
+    let expected: BTreeSet<(i64, usize)> = numbered.iter().map(|one| (one.node, one.axis)).collect();
+    let moving: BTreeSet<(i64, usize)> = moving(modes).collect();
+    let numbers = || numbered.iter().zip(0..).map(|(one, sensor)| (one.node, one.axis, sensor));
+    (of_file == nodes && moving == expected).then(|| numbers().collect())
+}
+
+/// Nodes and the directions in which they move in some mode.
+fn moving(modes: &[NodalMode]) -> impl Iterator<Item = (i64, usize)> {
+    modes.iter().flat_map(|mode| &mode.values).flat_map(|(node, values)| {
+        let moves = (0..3).filter(|&direction| values[direction].norm_sqr() > 0.0);
+        moves.map(|direction| (*node, direction))
+    })
 }
 
 /// `12x`, `12X`, `12:x`, `12:+X`.

@@ -1,153 +1,200 @@
-//! A measured mode in motion: the structure's lines at rest, and its sensors as they move through a period.
+//! A measured mode in motion, as an animated PNG or GIF: a title, the structure at rest with its heights, and its sensors through a period.
 //!
-//! Sensors and a complex shape flow in; an animated PNG flows out. Points move along ellipses where the shape is complex.
+//! Sensors and complex shapes flow in, a file flows out. Points move along ellipses where a shape is complex. A tower is drawn by its sections
+//! ([`super::tower`]), a structure with lines of its own on these, and others by lines between the sensors.
 
-use std::f64::consts::TAU;
 use std::io;
 
 use num_complex::Complex64;
-use plotters::style::RGBColor;
 
-use super::canvas::{FRAME, MEASURED};
-use super::png::{Pixels, animated};
-use super::space::{Camera, Marked, length, marks, moved};
+use super::canvas::{INK, REJECTED, fixed};
+use super::gif::GifFrames;
+use super::glyphs::{fitting, write};
+use super::joints::{stands, step, structural_lines};
+use super::png::PngFrames;
+use super::raster::Pixels;
+use super::scene::{Heights, Moving, Scene};
+use super::space::{Camera, Marked, length, marks};
+use super::tower;
 use crate::model::{Wireframe, longest_side_m};
-use crate::spanning::shortest_lines;
 use crate::study::Sensor;
 
 /// Frames of a period.
 const FRAMES: usize = 24;
-/// The longest and the shortest side in pixels, and the room around.
-const SIDE: f64 = 480.0;
-const SHORT_SIDE: f64 = 160.0;
-const ROOM: f64 = 16.0;
+/// Periods of each mode where several follow each other.
+const PERIODS: usize = 2;
+/// The longer and the shorter side, pixels.
+const SIDES: [u32; 2] = [720, 480];
 /// Largest drawn motion over the structure's longest side.
 const TRAVEL: f64 = 0.12;
-/// Half the width of lines, and the radius of dots.
-const LINE: f64 = 0.9;
-const DOT: f64 = 4.0;
+/// Where the lines of the title stand, and the steps of their letters' grid, pixels.
+const TITLE: [f64; 2] = [16.0, 32.0];
+const TITLE_STEP: f64 = 2.3;
+const SUBTITLE: [f64; 2] = [16.0, 56.0];
+const SUBTITLE_STEP: f64 = 1.6;
 
-/// Draws a mode, whose components stand in the order of the sensors. `None` where fewer than two sensors have a place and a direction, or
-/// nothing moves.
+/// What moves.
+#[derive(Clone, Copy)]
+pub struct MovingStructure<'a> {
+    /// What it is called.
+    pub name: &'a str,
+    /// Lines of its own, where it has some.
+    pub frame: Option<&'a Wireframe>,
+    /// Its sensors.
+    pub sensors: &'a [Sensor],
+}
+
+/// How it moves.
+#[derive(Clone, Copy)]
+pub struct MovingMode<'a> {
+    /// Its number, from 1.
+    pub number: usize,
+    /// Its frequency in Hz.
+    pub frequency_hz: f64,
+    /// Its damping ratio, where known.
+    pub damping_ratio: Option<f64>,
+    /// Components in the order of the sensors.
+    pub shape: &'a [Option<Complex64>],
+}
+
+/// What a moving picture is written as.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum MovingFormat {
+    /// Animated PNG.
+    Png,
+    /// Animated GIF.
+    Gif,
+}
+
+/// Draws modes one after the other into one file; how many could be drawn. `None` where none could: fewer than two places have a sensor with a
+/// direction, or nothing moves.
 ///
 /// # Errors
 /// When frames do not compress.
 pub fn animation(
-    frame: Option<&Wireframe>,
-    sensors: &[Sensor],
-    shape: &[Option<Complex64>],
-) -> io::Result<Option<Vec<u8>>> {
-    let part =
-        |of: fn(Complex64) -> f64| marks(sensors, |index| Some((of(shape.get(index).copied().flatten()?), None)));
+    structure: &MovingStructure<'_>,
+    modes: &[MovingMode<'_>],
+    format: MovingFormat,
+) -> io::Result<Option<(Vec<u8>, usize)>> {
+    let [long, short] = SIDES;
+    let own = structure.frame.map(|frame| &frame.places_m).into_iter().flatten().copied();
+    let size =
+        if stands(&own.chain(places_m(structure.sensors)).collect::<Vec<_>>()) { [short, long] } else { [long, short] };
+    let mut file = Writer::new(format, size)?;
+    let periods = if modes.len() > 1 { PERIODS } else { 1 };
+    let mut drawn = 0;
+    for mode in modes {
+        let Some(scene) = scene(structure, mode.shape) else { continue };
+        let view = scene.view(size);
+        // What stands still is behind every frame.
+        let mut background = view.background();
+        title(&mut background, structure.name, mode);
+        let frames: Vec<Pixels> =
+            (0..FRAMES).map(|number| view.frame(&background, number as f64 / FRAMES as f64)).collect();
+        for frame in std::iter::repeat_n(&frames, periods).flatten() {
+            file.push(frame)?;
+        }
+        drawn += 1;
+    }
+    if drawn == 0 { Ok(None) } else { Ok(Some((file.finish()?, drawn))) }
+}
+
+fn places_m(sensors: &[Sensor]) -> impl Iterator<Item = [f64; 3]> {
+    let of_points = sensors.iter().filter(|sensor| sensor.is_of_a_point() && sensor.dof.is_none());
+    of_points.filter_map(|sensor| Some([sensor.offset_m[0], sensor.offset_m[1], sensor.elevation_m?]))
+}
+
+/// Whether it is drawn by its sections: it has no lines of its own, and its sensors stand above each other.
+fn is_tower(structure: &MovingStructure<'_>) -> bool {
+    structure.frame.is_none() && stands(&places_m(structure.sensors).collect::<Vec<_>>())
+}
+
+fn scene(structure: &MovingStructure<'_>, shape: &[Option<Complex64>]) -> Option<Scene> {
+    let part = |of: fn(Complex64) -> f64| {
+        marks(structure.sensors, |index| Some((of(shape.get(index).copied().flatten()?), None)))
+    };
     let (real, imaginary) = (part(|value| value.re), part(|value| value.im));
-    let largest = real.iter().zip(&imaginary).map(|(re, im)| length(re.measured).hypot(length(im.measured)));
-    let largest = largest.fold(0.0, f64::max);
+    if real.len() < 2 {
+        return None;
+    }
+    if is_tower(structure) {
+        return tower::scene(structure.sensors, shape, &real, &imaginary);
+    }
+    in_space(structure.frame, &real, &imaginary)
+}
+
+/// A structure that is drawn by lines in space, as the report has it.
+fn in_space(frame: Option<&Wireframe>, real: &[Marked], imaginary: &[Marked]) -> Option<Scene> {
     let places: Vec<[f64; 3]> = real.iter().map(|mark| mark.place_m).collect();
-    if places.len() < 2 || largest <= 0.0 || !largest.is_finite() {
-        return Ok(None);
+    let largest = real.iter().zip(imaginary).map(|(re, im)| length(re.measured).hypot(length(im.measured)));
+    let largest = largest.fold(0.0, f64::max);
+    if !(largest > 0.0 && largest.is_finite()) {
+        return None;
     }
-    let (at_rest, edges) = match frame {
-        Some(frame) => (frame.places_m.clone(), frame.edges()),
-        None => (Vec::new(), Vec::new()),
+    let at_rest: &[[f64; 3]] = frame.map_or(&[], |frame| &frame.places_m);
+    let all: Vec<[f64; 3]> = places.iter().chain(at_rest).copied().collect();
+    let low_m = all.iter().map(|place| place[2]).fold(f64::INFINITY, f64::min);
+    let high_m = all.iter().map(|place| place[2]).fold(f64::NEG_INFINITY, f64::max);
+    // What lies may be a deck, whose ground nobody names.
+    let ground_m = Some(low_m).filter(|_| stands(&all));
+    let heights = Heights { low_m, high_m, ground_m, plan: 1.0, is_wide: true };
+    let camera = Camera::of(if at_rest.is_empty() { &places } else { at_rest });
+    let mut scene = Scene::new(camera, heights);
+    let amplitude = TRAVEL * longest_side_m(all.iter().copied()) / largest;
+    for (re, im) in real.iter().zip(imaginary) {
+        let scaled = |motion: [f64; 3]| motion.map(|part| amplitude * part);
+        scene.dot(Moving { place_m: re.place_m, re: scaled(re.measured), im: scaled(im.measured) });
+    }
+    let edges = frame.map(Wireframe::edges).unwrap_or_default();
+    let ends = |[a, b]: &[usize; 2], of: &[[f64; 3]]| Some([*of.get(*a)?, *of.get(*b)?]);
+    // Lines of the structure that lead from one sensor to another; where there are none, such as would.
+    let sensor_at = |place: [f64; 3]| places.iter().position(|other| other.map(step) == place.map(step));
+    let between = |[from, to]: [[f64; 3]; 2]| Some([sensor_at(from)?, sensor_at(to)?]);
+    scene.lines = edges.iter().filter_map(|edge| between(ends(edge, at_rest)?)).collect();
+    if scene.lines.is_empty() {
+        scene.lines = structural_lines(&places);
+    }
+    scene.rest = match frame {
+        Some(_) => edges.iter().filter_map(|edge| ends(edge, at_rest)).collect(),
+        None => scene.lines.iter().filter_map(|line| ends(line, &places)).collect(),
     };
-    let lines = shortest_lines(&places);
-    let all = || places.iter().chain(&at_rest).copied();
-    let amplitude = TRAVEL * longest_side_m(all()) / largest;
-    let window = Window::of(Camera::of(&all().collect::<Vec<_>>()), all(), amplitude * largest);
-    // The structure at rest is behind every frame.
-    let mut background = window.blank();
-    let (rest_m, its_lines) = if edges.is_empty() { (&places, &lines) } else { (&at_rest, &edges) };
-    for ends in its_lines {
-        let [from, to] = ends.map(|end| window.at(rest_m.get(end).copied().unwrap_or_default()));
-        stroke(&mut background, from, to, LINE, FRAME);
-    }
-    let mut frames = Vec::with_capacity(FRAMES);
-    for number in 0..FRAMES {
-        let (sin, cos) = (TAU * number as f64 / FRAMES as f64).sin_cos();
-        // The real part of the component that turns.
-        let place = |(re, im): (&Marked, &Marked)| {
-            let motion = std::array::from_fn(|axis| re.measured[axis] * cos - im.measured[axis] * sin);
-            window.at(moved(re.place_m, motion, amplitude))
-        };
-        let now: Vec<[f64; 2]> = real.iter().zip(&imaginary).map(place).collect();
-        let mut canvas = background.clone();
-        for [from, to] in &lines {
-            if let (Some(from), Some(to)) = (now.get(*from), now.get(*to)) {
-                stroke(&mut canvas, *from, *to, LINE, MEASURED);
-            }
-        }
-        now.iter().for_each(|at| stroke(&mut canvas, *at, *at, DOT, MEASURED));
-        frames.push(canvas);
-    }
-    animated(&frames).map(Some)
+    Some(scene)
 }
 
-/// Which part of the view is drawn, and how large.
-struct Window {
-    camera: Camera,
-    left: f64,
-    top: f64,
-    pixels_a_metre: f64,
-    size: [u32; 2],
+fn title(canvas: &mut Pixels, name: &str, mode: &MovingMode<'_>) {
+    let words = format!("Mode {}: {} Hz", mode.number, fixed(mode.frequency_hz, 4));
+    let damping = mode.damping_ratio.map(|ratio| format!("damping {} %   ", fixed(100.0 * ratio, 2)));
+    let room = f64::from(canvas.width) - 2.0 * TITLE[0];
+    write(canvas, &fitting(&words, TITLE_STEP, room), TITLE, TITLE_STEP, INK);
+    let below = format!("{}{name}", damping.unwrap_or_default());
+    write(canvas, &fitting(&below, SUBTITLE_STEP, room), SUBTITLE, SUBTITLE_STEP, REJECTED);
 }
 
-impl Window {
-    fn of(camera: Camera, places_m: impl Iterator<Item = [f64; 3]>, travel_m: f64) -> Self {
-        let mut ends = [[f64::INFINITY; 2], [f64::NEG_INFINITY; 2]];
-        for place_m in places_m {
-            let (x, y) = camera.see(place_m);
-            for (axis, at) in [x, y].into_iter().enumerate() {
-                ends[0][axis] = ends[0][axis].min(at - travel_m);
-                ends[1][axis] = ends[1][axis].max(at + travel_m);
-            }
-        }
-        let sides = [0, 1].map(|axis| (ends[1][axis] - ends[0][axis]).max(f64::MIN_POSITIVE));
-        let pixels_a_metre = (SIDE - 2.0 * ROOM) / sides[0].max(sides[1]);
-        let pixels = sides.map(|side| (side * pixels_a_metre + 2.0 * ROOM).clamp(SHORT_SIDE, SIDE).ceil());
-        let room = [0, 1].map(|axis| 0.5 * (pixels[axis] / pixels_a_metre - sides[axis]));
-        Self {
-            camera,
-            left: ends[0][0] - room[0],
-            top: ends[1][1] + room[1],
-            pixels_a_metre,
-            size: pixels.map(|side| side as u32),
+/// A file that is being written.
+enum Writer {
+    Png(PngFrames),
+    Gif(GifFrames),
+}
+
+impl Writer {
+    fn new(format: MovingFormat, size: [u32; 2]) -> io::Result<Self> {
+        Ok(match format {
+            MovingFormat::Png => Self::Png(PngFrames::new(size)),
+            MovingFormat::Gif => Self::Gif(GifFrames::new(size)?),
+        })
+    }
+
+    fn push(&mut self, frame: &Pixels) -> io::Result<()> {
+        match self {
+            Self::Png(file) => file.push(frame),
+            Self::Gif(file) => file.push(frame),
         }
     }
 
-    fn at(&self, place_m: [f64; 3]) -> [f64; 2] {
-        let (x, y) = self.camera.see(place_m);
-        [(x - self.left) * self.pixels_a_metre, (self.top - y) * self.pixels_a_metre]
-    }
-
-    fn blank(&self) -> Pixels {
-        let [width, height] = self.size;
-        Pixels { width, height, rgb: vec![[255; 3]; (width * height) as usize] }
-    }
-}
-
-/// Draws a line with round ends, or a dot where it has no length; pixels at its border take a part of the colour.
-fn stroke(canvas: &mut Pixels, from: [f64; 2], to: [f64; 2], half_width: f64, RGBColor(red, green, blue): RGBColor) {
-    let reach = half_width + 1.0;
-    let span = |axis: usize, most: u32| {
-        let (low, high) = (from[axis].min(to[axis]) - reach, from[axis].max(to[axis]) + reach);
-        // A float out of range saturates.
-        (low.max(0.0) as u32)..(high.ceil().max(0.0) as u32).min(most)
-    };
-    let (columns, rows) = (span(0, canvas.width), span(1, canvas.height));
-    let along = [to[0] - from[0], to[1] - from[1]];
-    let square = along[0] * along[0] + along[1] * along[1];
-    for row in rows {
-        for column in columns.clone() {
-            let to_pixel = [f64::from(column) + 0.5 - from[0], f64::from(row) + 0.5 - from[1]];
-            let share = (to_pixel[0] * along[0] + to_pixel[1] * along[1]) / square;
-            let share = if square > 0.0 { share.clamp(0.0, 1.0) } else { 0.0 };
-            let off = (to_pixel[0] - share * along[0]).hypot(to_pixel[1] - share * along[1]);
-            let cover = (half_width + 0.5 - off).clamp(0.0, 1.0);
-            let index = (row * canvas.width + column) as usize;
-            let Some(pixel) = canvas.rgb.get_mut(index).filter(|_| cover > 0.0) else { continue };
-            for (old, new) in pixel.iter_mut().zip([red, green, blue]) {
-                *old = (f64::from(*old) + cover * (f64::from(new) - f64::from(*old))).round() as u8;
-            }
+    fn finish(self) -> io::Result<Vec<u8>> {
+        match self {
+            Self::Png(file) => Ok(file.finish()),
+            Self::Gif(file) => file.finish(),
         }
     }
 }
@@ -156,8 +203,11 @@ fn stroke(canvas: &mut Pixels, from: [f64; 2], to: [f64; 2], half_width: f64, RG
 mod tests {
     use std::io::Read;
 
+    use plotters::style::RGBColor;
+
+    use super::super::canvas::MEASURED;
     use super::*;
-    use crate::study::Direction;
+    use crate::study::{Direction, Study, template};
 
     fn mast() -> Vec<Sensor> {
         let sensor = |z_m: f64| Sensor {
@@ -183,23 +233,37 @@ mod tests {
         chunks
     }
 
-    /// The rightmost pixel of a frame that has the colour of what was measured.
-    fn rightmost(data: &[u8], width: usize) -> usize {
+    /// A file of one mode of the mast.
+    fn of_mast(sensors: &[Sensor], shape: &[Option<Complex64>], format: MovingFormat) -> Option<Vec<u8>> {
+        let structure = MovingStructure { name: "Mast", frame: None, sensors };
+        let mode = MovingMode { number: 2, frequency_hz: 0.4812, damping_ratio: Some(0.0053), shape };
+        let file = animation(&structure, &[mode], format).unwrap();
+        file.map(|(file, drawn)| {
+            assert_eq!(drawn, 1);
+            file
+        })
+    }
+
+    /// The rightmost pixel of a frame that has the colour of what was measured; `index` is that colour's.
+    fn rightmost(data: &[u8], width: usize, index: u8) -> usize {
         let mut rows = Vec::new();
         flate2::read::ZlibDecoder::new(data).read_to_end(&mut rows).unwrap();
-        let RGBColor(red, green, blue) = MEASURED;
-        let of_row = |row: &[u8]| row[1..].chunks(3).rposition(|pixel| pixel == [red, green, blue]);
-        rows.chunks(1 + 3 * width).filter_map(of_row).max().unwrap()
+        let of_row = |row: &[u8]| row[1..].iter().rposition(|pixel| *pixel == index);
+        rows.chunks(1 + width).filter_map(of_row).max().unwrap()
     }
 
     #[test]
     fn a_period_begins_and_ends_at_one_side_and_is_at_the_other_between() {
         let shape = [0.3, 0.7, 1.0].map(|value| Some(Complex64::new(value, 0.0)));
-        let file = animation(None, &mast(), &shape).unwrap().unwrap();
+        let file = of_mast(&mast(), &shape, MovingFormat::Png).unwrap();
         let chunks = chunks(&file);
         assert_eq!(chunks[1], ("acTL".to_owned(), [24_u32.to_be_bytes(), [0; 4]].concat()));
+        assert_eq!(chunks[2].0, "PLTE");
         assert_eq!(chunks.last().unwrap().0, "IEND");
-        let width = u32::from_be_bytes(chunks[0].1[..4].try_into().unwrap()) as usize;
+        let side = |at: usize| u32::from_be_bytes(chunks[0].1[at..at + 4].try_into().unwrap());
+        assert_eq!([side(0), side(4)], [480, 720], "what stands is higher than it is wide");
+        let RGBColor(red, green, blue) = MEASURED;
+        let index = chunks[2].1.chunks(3).position(|colour| colour == [red, green, blue]).unwrap() as u8;
         let frames: Vec<&[u8]> = chunks
             .iter()
             .filter_map(|(kind, data)| match kind.as_str() {
@@ -209,10 +273,10 @@ mod tests {
             })
             .collect();
         assert_eq!(frames.len(), FRAMES);
-        let right: Vec<usize> = frames.iter().map(|frame| rightmost(frame, width)).collect();
+        let right: Vec<usize> = frames.iter().map(|frame| rightmost(frame, 480, index)).collect();
         // Seen from beside, so that the axis of motion may point to either side.
         let reach = right[0].abs_diff(right[FRAMES / 2]);
-        assert!(reach > 10, "{right:?}");
+        assert!(reach > 40, "{right:?}");
         // A cosine: frame n is as frame 24 - n, to a pixel.
         assert!((1..FRAMES / 2).all(|number| right[number].abs_diff(right[FRAMES - number]) <= 1), "{right:?}");
         // Frames are numbered in the order of their chunks.
@@ -223,11 +287,91 @@ mod tests {
 
     #[test]
     fn nothing_that_moves_is_no_picture() {
-        assert_eq!(animation(None, &mast(), &[None, None, None]).unwrap(), None);
-        let still = [Some(Complex64::ZERO); 3];
-        assert_eq!(animation(None, &mast(), &still).unwrap(), None);
+        let none =
+            |sensors: &[Sensor], shape: [Option<Complex64>; 3]| of_mast(sensors, &shape, MovingFormat::Png).is_none();
+        assert!(none(&mast(), [None, None, None]));
+        assert!(none(&mast(), [Some(Complex64::ZERO); 3]));
         let mut nowhere = mast();
         nowhere.iter_mut().for_each(|sensor| sensor.elevation_m = None);
-        assert_eq!(animation(None, &nowhere, &[Some(Complex64::ONE); 3]).unwrap(), None);
+        assert!(none(&nowhere, [Some(Complex64::ONE); 3]));
+    }
+
+    /// Modes follow each other in one GIF, each for two periods.
+    #[test]
+    fn a_gif_has_the_frames_of_all_modes() {
+        let sensors = mast();
+        let shape = [0.3, 0.7, 1.0].map(|value| Some(Complex64::new(value, 0.1 * value)));
+        let mode =
+            |number: usize| MovingMode { number, frequency_hz: number as f64, damping_ratio: None, shape: &shape };
+        let structure = MovingStructure { name: "Mast", frame: None, sensors: &sensors };
+        let (file, drawn) = animation(&structure, &[mode(1), mode(2)], MovingFormat::Gif).unwrap().unwrap();
+        assert_eq!(drawn, 2);
+        let mut decoder = ::gif::DecodeOptions::new().read_info(&file[..]).unwrap();
+        assert_eq!((decoder.width(), decoder.height()), (480, 720));
+        assert_eq!(decoder.repeat(), ::gif::Repeat::Infinite);
+        let mut frames = Vec::new();
+        while let Some(frame) = decoder.read_next_frame().unwrap() {
+            assert_eq!(frame.delay, 5, "twenty a second");
+            frames.push(frame.buffer.to_vec());
+        }
+        assert_eq!(frames.len(), 2 * PERIODS * FRAMES);
+        assert_eq!(frames[3], frames[FRAMES + 3], "a period is as the one before");
+        assert_ne!(frames[0], frames[PERIODS * FRAMES], "another mode has another title");
+    }
+
+    /// The tower of the Canton template, whose sensors stand at two edges and measure two directions: what its sensors say of each section is
+    /// drawn, and lines lead along sections and the axis alone. With BELFRY_PICTURES the pictures are written into that folder.
+    #[test]
+    fn a_tower_is_drawn_by_its_sections_and_what_lies_from_beside() {
+        let study = Study::from_text(template::CANTON_STUDY, std::path::Path::new("canton")).unwrap();
+        let sensors = study.sensors();
+        let bending = |sensor: &Sensor| {
+            Some(Complex64::new(sensor.direction?.cosines()[0] * (sensor.elevation_m? / 446.8).powi(2), 0.0))
+        };
+        let torsion = |sensor: &Sensor| {
+            let [along_x, along_y, _] = sensor.direction?.cosines();
+            let turn = (sensor.offset_m[0] * along_y - sensor.offset_m[1] * along_x) * sensor.elevation_m? / 446.8;
+            Some(Complex64::new(turn / 7.3, 0.0))
+        };
+        for (name, part) in [("bending", &bending as &dyn Fn(&Sensor) -> Option<Complex64>), ("torsion", &torsion)] {
+            let shape: Vec<Option<Complex64>> = sensors.iter().map(part).collect();
+            let structure = MovingStructure { name: &study.structure.name, frame: None, sensors: &sensors };
+            let scene = scene(&structure, &shape).unwrap();
+            // Either along a section at one height, or up the axis.
+            let level = |point: usize| scene.points[point].place_m[2];
+            assert!(scene.thin.iter().all(|[a, b]| level(*a) == level(*b)), "{name}");
+            let is_on_axis = |point: usize| scene.points[point].place_m[..2] == [0.0, 0.0];
+            assert!(scene.lines.iter().flatten().all(|point| is_on_axis(*point)), "{name}");
+            // The axis bends, and stands still in torsion.
+            let axis = scene.lines.iter().flatten().map(|point| length(scene.points[*point].re)).fold(0.0, f64::max);
+            assert_eq!(axis > 20.0, name == "bending", "{name}: {axis} m");
+            if name == "torsion" {
+                // Also where two sensors at a height leave it open; 0.1 % of the drawn motion of the sensors.
+                assert!(axis < 0.02, "{axis} m");
+            }
+            look(name, &structure, &shape);
+        }
+        let deck = [0.0, 10.0, 20.0, 30.0, 40.0].map(|x_m: f64| Sensor {
+            elevation_m: Some(6.0),
+            offset_m: [x_m, 0.5 * (x_m / 10.0 % 2.0)],
+            direction: Some(Direction::Up),
+            ..Sensor::new(x_m.to_string(), 1)
+        });
+        let shape = [0.0, 0.7, 1.0, 0.7, 0.0].map(|value| Some(Complex64::new(value, 0.0)));
+        let file = look("deck", &MovingStructure { name: "Footbridge", frame: None, sensors: &deck }, &shape);
+        let chunks = chunks(&file);
+        assert_eq!(u32::from_be_bytes(chunks[0].1[..4].try_into().unwrap()), 720, "what lies is wider than it is high");
+    }
+
+    /// The file as PNG; both are written where someone wants to look at them.
+    fn look(name: &str, structure: &MovingStructure<'_>, shape: &[Option<Complex64>]) -> Vec<u8> {
+        let mode = MovingMode { number: 3, frequency_hz: 0.36588, damping_ratio: Some(0.0081), shape };
+        let [png, gif] = [MovingFormat::Png, MovingFormat::Gif]
+            .map(|format| animation(structure, &[mode], format).unwrap().unwrap().0);
+        if let Some(folder) = std::env::var_os("BELFRY_PICTURES").map(std::path::PathBuf::from) {
+            std::fs::write(folder.join(format!("{name}.png")), &png).unwrap();
+            std::fs::write(folder.join(format!("{name}.gif")), &gif).unwrap();
+        }
+        png
     }
 }

@@ -1,4 +1,4 @@
-//! Pictures: SVG text, and animated PNG for modes in motion.
+//! Pictures: SVG text, and animated PNG or GIF for modes in motion.
 //!
 //! What was recorded, identified, compared, predicted or added flows in; one file's content a picture flows out.
 
@@ -9,20 +9,27 @@ mod comparison;
 mod covalidation;
 mod fingerprint;
 mod fits;
+mod gif;
+mod glyphs;
 mod history;
+mod joints;
 mod look;
 mod over_time;
+mod palette;
 mod png;
 mod profile;
+mod raster;
+mod scene;
 mod shapes;
 mod singular;
 mod space;
 mod stabilisation;
+mod tower;
 mod trends;
 mod units;
 mod watch;
 
-pub use animation::animation;
+pub use animation::{MovingFormat, MovingMode, MovingStructure, animation};
 pub use canvas::PictureError;
 pub use change::change;
 pub use comparison::comparison;
@@ -30,6 +37,7 @@ pub use covalidation::{Curves, Prediction, covalidation};
 pub use fingerprint::fingerprints;
 pub use fits::fits;
 pub use history::history;
+pub(crate) use joints::structural_lines;
 pub use look::look;
 pub use profile::profile;
 pub use shapes::{TrueShape, mode_shapes};

@@ -1,61 +1,79 @@
-//! Moving pictures as files: frames of pixels flow in, an animated PNG (APNG) flows out, which browsers and office programs play.
+//! Animated PNG (APNG), which browsers and office programs play: frames of pixels flow in one after the other, a file flows out.
 
 use std::io::{self, Write};
 
 use flate2::Compression;
 use flate2::write::ZlibEncoder;
 
-/// Frames a second, and bits a channel of a pixel.
-const FRAMES_A_SECOND: u16 = 20;
-const BITS: u8 = 8;
-/// Red, green and blue.
-const RGB: u8 = 2;
+use super::palette::Palette;
+use super::raster::Pixels;
 
-/// A picture of pixels, row by row from the top.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub(super) struct Pixels {
-    pub(super) width: u32,
-    pub(super) height: u32,
-    pub(super) rgb: Vec<[u8; 3]>,
+/// Frames a second, and bits a pixel.
+pub(super) const FRAMES_A_SECOND: u16 = 20;
+const BITS: u8 = 8;
+/// A byte a pixel, which a palette gives its colour.
+const INDEXED: u8 = 3;
+
+/// A file that is being written.
+pub(super) struct PngFrames {
+    palette: Palette,
+    size: [u32; 2],
+    /// Chunks of frames.
+    body: Vec<u8>,
+    frames: u32,
+    /// Number of the next chunk of those that are numbered.
+    sequence: u32,
 }
 
-/// The file, which is played again and again; frames are of one size.
-///
-/// # Errors
-/// When frames do not compress, which they always do.
-pub(super) fn animated(frames: &[Pixels]) -> io::Result<Vec<u8>> {
-    let Some(first) = frames.first() else { return Ok(Vec::new()) };
-    let mut file = b"\x89PNG\r\n\x1a\n".to_vec();
-    let size = [first.width.to_be_bytes(), first.height.to_be_bytes()].concat();
-    chunk(&mut file, b"IHDR", &[&size[..], &[BITS, RGB, 0, 0, 0]].concat());
-    // Frames, and without end.
-    chunk(&mut file, b"acTL", &[(frames.len() as u32).to_be_bytes(), 0_u32.to_be_bytes()].concat());
-    let mut sequence: u32 = 0;
-    let mut next = || {
-        sequence += 1;
-        (sequence - 1).to_be_bytes()
-    };
-    for (index, frame) in frames.iter().enumerate() {
-        let whole =
-            [&next()[..], &size, &[0; 8], &1_u16.to_be_bytes(), &FRAMES_A_SECOND.to_be_bytes(), &[0, 0]].concat();
-        chunk(&mut file, b"fcTL", &whole);
-        let data = compressed(frame)?;
-        match index {
-            0 => chunk(&mut file, b"IDAT", &data),
-            _ => chunk(&mut file, b"fdAT", &[&next()[..], &data].concat()),
-        }
+impl PngFrames {
+    /// A file whose frames have this width and height.
+    pub(super) fn new(size: [u32; 2]) -> Self {
+        Self { palette: Palette::new(), size, body: Vec::new(), frames: 0, sequence: 0 }
     }
-    chunk(&mut file, b"IEND", &[]);
-    Ok(file)
+
+    /// # Errors
+    /// When a frame does not compress, which it always does.
+    pub(super) fn push(&mut self, frame: &Pixels) -> io::Result<()> {
+        let data = compressed(&self.palette.indexed(frame), self.size[0] as usize)?;
+        let place = [self.next(), self.size[0].to_be_bytes(), self.size[1].to_be_bytes(), [0; 4], [0; 4]].concat();
+        let time = [1_u16.to_be_bytes(), FRAMES_A_SECOND.to_be_bytes(), [0; 2]].concat();
+        chunk(&mut self.body, b"fcTL", &[place, time].concat());
+        if self.frames == 0 {
+            chunk(&mut self.body, b"IDAT", &data);
+        } else {
+            let numbered = [&self.next()[..], &data].concat();
+            chunk(&mut self.body, b"fdAT", &numbered);
+        }
+        self.frames += 1;
+        Ok(())
+    }
+
+    fn next(&mut self) -> [u8; 4] {
+        self.sequence += 1;
+        (self.sequence - 1).to_be_bytes()
+    }
+
+    /// The file, which is played again and again.
+    pub(super) fn finish(self) -> Vec<u8> {
+        let mut file = b"\x89PNG\r\n\x1a\n".to_vec();
+        let size = self.size.map(u32::to_be_bytes).concat();
+        chunk(&mut file, b"IHDR", &[&size[..], &[BITS, INDEXED, 0, 0, 0]].concat());
+        // Frames, and without end.
+        chunk(&mut file, b"acTL", &[self.frames.to_be_bytes(), 0_u32.to_be_bytes()].concat());
+        chunk(&mut file, b"PLTE", &self.palette.bytes());
+        file.extend(self.body);
+        chunk(&mut file, b"IEND", &[]);
+        file
+    }
 }
 
 /// Rows, each with the filter before it that leaves it as it is.
-fn compressed(frame: &Pixels) -> io::Result<Vec<u8>> {
+fn compressed(pixels: &[u8], width: usize) -> io::Result<Vec<u8>> {
     const AS_IT_IS: u8 = 0;
-    let mut encoder = ZlibEncoder::new(Vec::new(), Compression::best());
-    for row in frame.rgb.chunks(frame.width.max(1) as usize) {
+    let mut encoder = ZlibEncoder::new(Vec::new(), Compression::default());
+    for row in pixels.chunks(width.max(1)) {
         encoder.write_all(&[AS_IT_IS])?;
-        encoder.write_all(&row.concat())?;
+        encoder.write_all(row)?;
     }
     encoder.finish()
 }

@@ -168,12 +168,10 @@ fn draw_mode(
 struct Level {
     elevation_m: f64,
     motions: Vec<f64>,
-    /// Whether a vertical's line passes through one of them.
-    is_on_curve: bool,
 }
 
-/// Joins the points, so that none stands alone: a line for each vertical, the points of one direction and plan position; fine dots from one
-/// to the other where several of a direction stand at one height, and from the axis to a point that has neither.
+/// Joins the points: a line for each vertical, the points of one direction and plan position; fine dots from one to the other where several of
+/// a direction stand at one height.
 fn join(plane: &Plane<'_>, mode: &Mode, points_by_name: &BTreeMap<&str, MeasuredPoint<'_>>) -> DrawResult {
     let mut verticals: BTreeMap<String, Vec<(&MeasuredPoint<'_>, f64)>> = BTreeMap::new();
     for component in &mode.shape {
@@ -184,23 +182,17 @@ fn join(plane: &Plane<'_>, mode: &Mode, points_by_name: &BTreeMap<&str, Measured
     let mut levels: BTreeMap<String, Level> = BTreeMap::new();
     for mut points in verticals.into_values() {
         points.sort_by(|(a, _), (b, _)| a.elevation_m.total_cmp(&b.elevation_m));
-        let is_curve = points.len() >= CURVE;
         for &(&MeasuredPoint { sensor, elevation_m, .. }, motion) in &points {
             let key = format!("{:?} {elevation_m:.2}", sensor.direction);
-            let new = Level { elevation_m, motions: Vec::new(), is_on_curve: false };
-            let level = levels.entry(key).or_insert(new);
-            level.motions.push(motion);
-            level.is_on_curve |= is_curve;
+            let new = Level { elevation_m, motions: Vec::new() };
+            levels.entry(key).or_insert(new).motions.push(motion);
         }
-        if let (true, Some((first, _))) = (is_curve, points.first()) {
+        if let (true, Some((first, _))) = (points.len() >= CURVE, points.first()) {
             let line = points.iter().map(|(point, motion)| (*motion, point.elevation_m));
             plane.curve(line, of_direction(first.direction).0, MEASURED.mix(0.6).stroke_width(1))?;
         }
     }
-    for Level { elevation_m, mut motions, is_on_curve } in levels.into_values() {
-        if let ([_], false) = (&motions[..], is_on_curve) {
-            motions.push(0.0);
-        }
+    for Level { elevation_m, mut motions } in levels.into_values() {
         motions.sort_by(f64::total_cmp);
         if let [least, .., most] = motions[..] {
             let ends = [(least, elevation_m), (most, elevation_m)];
@@ -254,10 +246,24 @@ mod tests {
         );
     }
 
+    /// Dots mean sensors of one height and direction, so one of them alone has none.
     #[test]
-    fn a_point_alone_is_joined_to_the_axis() {
+    fn a_point_alone_is_joined_to_nothing() {
         let one = |channel: &'static str| joints(move |sensor| (sensor.channel == channel).then_some(1.0));
-        let joints = one("08");
-        assert!(joints.len() == 1 && joints[0] > 20.0, "{joints:?}");
+        assert!(one("08").is_empty(), "{:?}", one("08"));
+        let study = Study::from_text(template::CANTON_STUDY, std::path::Path::new("canton")).unwrap();
+        let sensors = study.sensors();
+        let pair = sensors.iter().find_map(|one| {
+            let is_beside = |other: &&Sensor| {
+                one.channel != other.channel && one.elevation_m == other.elevation_m && one.direction == other.direction
+            };
+            sensors.iter().find(is_beside).map(|other| (one.channel.clone(), other.channel.clone()))
+        });
+        let (left, right) = pair.unwrap();
+        let apart = joints(|sensor| {
+            let is_left = sensor.channel == left;
+            (is_left || sensor.channel == right).then_some(if is_left { -0.5 } else { 0.5 })
+        });
+        assert!(apart.len() == 1 && apart[0] > 20.0, "{apart:?}");
     }
 }

@@ -161,7 +161,7 @@ fn bring(motion: &mut [f64; 3], along: [f64; 3], value: f64) {
     }
 }
 
-fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
+pub(super) fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
@@ -174,8 +174,13 @@ impl Camera {
             places_m.iter().map(|place| f(place[0] - mean[0], place[1] - mean[1])).sum()
         };
         let along = 0.5 * (2.0 * sum(&|x, y| x * y)).atan2(sum(&|x, y| x * x - y * y));
-        let (sin, cos) = (along - BESIDE).sin_cos();
-        let (above, level) = ABOVE.sin_cos();
+        Self::seen(along - BESIDE, ABOVE)
+    }
+
+    /// With this azimuth to the right, and from so far above the horizontal, rad.
+    pub(super) fn seen(azimuth: f64, above: f64) -> Self {
+        let (sin, cos) = azimuth.sin_cos();
+        let (above, level) = above.sin_cos();
         Self { right: [cos, sin, 0.0], up: [-sin * above, cos * above, level] }
     }
 

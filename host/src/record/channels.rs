@@ -45,6 +45,9 @@ pub(super) struct Stretch {
     pub(super) form: Form,
 }
 
+/// A channel's rate in Hz and its unit, as its file says them.
+pub(super) type RateAndUnit = (Option<f64>, Option<String>);
+
 /// One channel of a file or of several.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Channel {
@@ -74,6 +77,8 @@ pub(super) struct ChannelReader {
     has_names: bool,
     /// When the first row was, in nanoseconds since 1970, where files say it.
     start_ns: Option<i64>,
+    /// By how many rows each channel's samples are later than the rows that they become, where files say when they were.
+    late_rows: Vec<f64>,
     progress: Progress,
     /// The next stretch of each channel that may reach into the rows to come.
     next: Vec<usize>,
@@ -106,6 +111,7 @@ impl ChannelReader {
             channels,
             has_names,
             start_ns: None,
+            late_rows: Vec::new(),
             progress: Progress::new(rows),
             next,
             window: None,
@@ -125,9 +131,9 @@ impl ChannelReader {
         Ok(reader)
     }
 
-    /// The same with a time of its first row.
-    pub(super) fn from(self, start_ns: i64) -> Self {
-        Self { start_ns: Some(start_ns), ..self }
+    /// The same with a time of its first row, and by how many rows each channel is later than that has it.
+    pub(super) fn from(self, start_ns: i64, late_rows: Vec<f64>) -> Self {
+        Self { start_ns: Some(start_ns), late_rows, ..self }
     }
 
     pub(super) fn start_ns(&self) -> Option<i64> {
@@ -279,6 +285,10 @@ struct Target<'a> {
 }
 
 impl RowReader for ChannelReader {
+    fn late_rows(&self) -> &[f64] {
+        &self.late_rows
+    }
+
     fn read(&mut self, most: usize, rows: &mut Rows<'_>) -> Result<usize, RecordError> {
         let (count, selection) = (self.progress.upcoming(most), rows.selection);
         if count == 0 {

@@ -9,6 +9,11 @@ use crate::statistics::median;
 const RATE_TOLERANCE: f64 = 1e-3;
 /// Times that are seconds since 1970, and not since the recording's start: of the years 2001 to 2100.
 pub(super) const UNIX_S: std::ops::Range<f64> = 1e9..4.1e9;
+/// Seconds since 1970 in nanoseconds, to the microsecond: at these times a float has a quarter of one.
+pub(super) fn unix_ns(seconds: f64) -> i64 {
+    ((1e6 * seconds).round() as i64).saturating_mul(1000)
+}
+
 /// Rows that may be filled into one recording: 55 h at 50 Hz. More is a wrong time column, not a gap.
 pub(super) const MOST_FILLED_ROWS: u64 = 10_000_000;
 /// The rate is compared with the setup's over stretches of this many steps.

@@ -7,13 +7,15 @@ use super::error::{RecordError, listed};
 use super::response_name::{ResponseName, find_response, same_responses};
 use crate::study::{STANDARD_GRAVITY_M_S2, Sensor, Setup, Unit};
 
-/// Names of columns that mean time, in lower case: seconds, or timestamps where the format has them.
-const TIME_NAMES: [&str; 6] = ["time", "t", "time_s", "t_s", "seconds", "timestamp"];
+/// Names of columns that mean time, in lower case and without `[s]` behind them: seconds, or timestamps where the format has them.
+const TIME_NAMES: [&str; 12] =
+    ["time", "t", "time_s", "t_s", "time s", "seconds", "timestamp", "zeit", "zeit_s", "temps", "tempo", "tiempo"];
 
 /// Whether a column of this name is the time, and no sensor's channel.
 pub(super) fn is_time_column(name: &str, sensors: &[Sensor]) -> bool {
-    TIME_NAMES.contains(&name.to_ascii_lowercase().as_str())
-        && !sensors.iter().any(|sensor| sensor.channel.trim() == name)
+    let lower = name.to_lowercase();
+    let bare = ["[s]", "(s)"].iter().find_map(|unit| lower.strip_suffix(unit)).unwrap_or(&lower);
+    TIME_NAMES.contains(&bare.trim_end()) && !sensors.iter().any(|sensor| sensor.channel.trim() == name)
 }
 
 /// A file's columns.

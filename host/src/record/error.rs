@@ -6,6 +6,7 @@ use std::fmt;
 use std::io;
 use std::path::{Path, PathBuf};
 
+use super::clock::{UNIX_S, unix_ns};
 use super::hdf5::Hdf5Error;
 
 /// A position in a file of a recording.
@@ -31,6 +32,10 @@ pub enum At {
 impl FilePosition {
     pub(super) fn line(file: &Path, line: u64) -> Self {
         Self { file: file.to_owned(), at: At::Line(line) }
+    }
+
+    pub(super) fn row(file: &Path, row: u64) -> Self {
+        Self { file: file.to_owned(), at: At::Row(row) }
     }
 }
 
@@ -69,7 +74,7 @@ pub enum RecordError {
     #[error("{file} is named twice by the setup's `files`: its rows would count twice, so make the patterns disjoint")]
     FileTwice { file: PathBuf },
     #[error(
-        "{file}: the ending says nothing about the format: expected .txt, .asc or .dat (white space, TOA5, UDBF), .csv, .npy, .mat, .parquet, .uff or .unv, .h5 or .hdf5, .wav, .sac, .mseed or .tdms"
+        "{file}: the ending says nothing about the format: expected .txt, .asc or .dat (white space, TOA5, UDBF), .csv, .npy, .mat, .parquet, .uff or .unv, .h5, .hdf5 or .hdf, .wav or .rf64, .sac, .mseed or .miniseed (.msd and .seed where they hold that), .tdms or .udbf; rename the file where it is of one of these formats, or export the recording from your program as CSV"
     )]
     UnknownEnding { file: PathBuf },
     #[error("{file} cannot be read: {source}")]
@@ -89,7 +94,7 @@ pub enum RecordError {
     )]
     AmbiguousChannel { file: PathBuf, channel: String },
     #[error(
-        "{file} has other channels than another logger's file of this setup, and does not say when it begins in UTC: give the setup of a TOA5 file `utc_offset_h`, a table a column of seconds since 1970, or make two setups"
+        "{file} has other channels than another logger's file of this setup, and does not say when it begins in UTC: give the setup `utc_offset_h` where a TOA5 or Parquet file has times without a zone, a table a column of seconds since 1970, or make two setups"
     )]
     LoggerWithoutTime { file: PathBuf },
     #[error(
@@ -119,11 +124,11 @@ pub enum RecordError {
     )]
     TimeNotSeconds { position: FilePosition, column: String, text: String },
     #[error(
-        "{position}: time goes from {previous_s} s to {time_s} s: it must advance with every row; put rows and files in the order of time, or rename the time column to go by sampling_rate_hz alone"
+        "{position}: time goes from {} to {}: it must advance with every row; {}put rows and files in the order of time, or rename the time column to go by sampling_rate_hz alone", clock_time(*previous_s), clock_time(*time_s), set_back(time_s - previous_s)
     )]
     TimeBackwards { position: FilePosition, previous_s: f64, time_s: f64 },
     #[error(
-        "{position}: time jumps from {previous_s} s to {time_s} s: filling the gap would take the recording beyond {limit} filled rows; make two setups of the parts, or correct the time column"
+        "{position}: time jumps from {} to {}: filling the gap would take the recording beyond {limit} filled rows; make two setups of the parts, or correct the time column", clock_time(*previous_s), clock_time(*time_s)
     )]
     GapTooLong { position: FilePosition, previous_s: f64, time_s: f64, limit: u64 },
     #[error(
@@ -256,6 +261,33 @@ pub(crate) fn quoted(cell: &[u8]) -> String {
     format!("{}{ellipsis}", text.escape_debug())
 }
 
+/// A time as a column has it: in seconds, and of the calendar where these are counted from 1970.
+fn clock_time(time_s: f64) -> String {
+    const LONGEST: usize = 24;
+    if !UNIX_S.contains(&time_s) {
+        // A damaged number may have 300 digits unless it has an exponent.
+        let plain = time_s.to_string();
+        return if plain.len() > LONGEST { format!("{time_s:e} s") } else { format!("{plain} s") };
+    }
+    let time = std::time::UNIX_EPOCH + std::time::Duration::from_nanos(unix_ns(time_s).unsigned_abs());
+    humantime::format_rfc3339_micros(time).to_string().trim_end_matches('Z').replace('T', " ")
+}
+
+/// What to do where a clock was set back by an hour.
+fn set_back(step_s: f64) -> &'static str {
+    if is_summer_time(-step_s) {
+        "a clock that is set back from summer time does this, so let loggers keep to winter time or UTC; of this file make two setups; or "
+    } else {
+        ""
+    }
+}
+
+/// Whether a step in time is the hour by which clocks are moved for summer.
+pub(super) fn is_summer_time(step_s: f64) -> bool {
+    const WITHIN_S: f64 = 5.0;
+    (step_s - 3600.0).abs() <= WITHIN_S
+}
+
 /// Things as an error lists them: as many as one reads, each short, and how many more there are.
 pub(crate) fn listed<T: fmt::Display>(things: impl IntoIterator<Item = T>, around: &str) -> String {
     const LONGEST: usize = 300;
@@ -290,7 +322,7 @@ mod tests {
         let names: Vec<String> = (1..=500).map(|number| format!("channel {number:03}")).collect();
         let list = listed(&names, "`");
         assert!(list.starts_with("`channel 001`, `channel 002`"), "{list}");
-        assert!(list.ends_with("`channel 021`, `channel 022` and 478 more") && list.len() < 400, "{list}");
+        assert!(list.ends_with("`channel 020`, `channel 021` and 479 more") && list.len() < 400, "{list}");
         let long = "ü".repeat(400);
         assert_eq!(listed([&long], "`"), format!("`{}…`", "ü".repeat(60)));
     }

@@ -1,10 +1,13 @@
-//! A setup's files: patterns flow in, existing files in the order of time flow out, and open ones that hold something.
+//! A setup's files: patterns flow in, existing files in the order of time flow out, and open ones that hold something. The same of what a
+//! user names before there is a setup.
 
 use std::collections::HashSet;
 use std::fs::File;
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 use super::error::RecordError;
+use super::source_file::is_recording;
 use crate::study::Setup;
 
 /// The files that the setup's patterns match below `folder`: pattern after pattern, those of one pattern by name.
@@ -23,6 +26,50 @@ pub(crate) fn matching_files(setup: &Setup, folder: &Path) -> Result<Vec<PathBuf
         }
     }
     Ok(files)
+}
+
+/// The files that a user names: files, patterns as `files` of a setup has them, and folders, which stand for the recordings in them.
+pub(crate) fn named_files(named: &[PathBuf]) -> Result<Vec<PathBuf>, RecordError> {
+    let mut files = Vec::new();
+    for path in named {
+        let of_one = if path.is_file() {
+            vec![path.clone()]
+        } else if path.is_dir() {
+            recordings_in(path)?
+        } else {
+            match path.to_str().map(|pattern| matches(pattern, Path::new(""))) {
+                // No pattern, but a file that is not there.
+                None | Some(Err(RecordError::NothingMatches { .. } | RecordError::Pattern { .. })) => {
+                    return Err(RecordError::io(path)(ErrorKind::NotFound.into()));
+                }
+                Some(found) => found?,
+            }
+        };
+        for file in of_one {
+            if files.contains(&file) {
+                return Err(RecordError::FileTwice { file });
+            }
+            files.push(file);
+        }
+    }
+    Ok(files)
+}
+
+fn recordings_in(folder: &Path) -> Result<Vec<PathBuf>, RecordError> {
+    let mut found = Vec::new();
+    for entry in folder.read_dir().map_err(RecordError::io(folder))? {
+        let path = entry.map_err(RecordError::io(folder))?.path();
+        let is_hidden = path.file_name().is_some_and(|name| name.as_encoded_bytes().starts_with(b"."));
+        if path.is_file() && is_recording(&path) && !is_hidden {
+            found.push(path);
+        }
+    }
+    if found.is_empty() {
+        let reason = "no file in this folder has the ending of a recording; name files or a pattern".to_owned();
+        return Err(RecordError::Format { file: folder.to_owned(), reason });
+    }
+    alphanumeric_sort::sort_path_slice(&mut found);
+    Ok(found)
 }
 
 /// Opens a file for reading; also its bytes, of which there is one at least.
@@ -74,6 +121,31 @@ mod tests {
         }
         let files = matches("*", folder.path()).unwrap();
         files.iter().filter_map(|file| Some(file.file_name()?.to_str()?.to_owned())).collect()
+    }
+
+    #[test]
+    fn a_user_names_files_patterns_and_folders() {
+        let folder = tempfile::tempdir().unwrap();
+        for name in ["part_10.csv", "part_2.csv", "other.npy", "notes.md", ".hidden.csv", "study.toml"] {
+            std::fs::write(folder.path().join(name), "").unwrap();
+        }
+        let path = |name: &str| folder.path().join(name);
+        let named = |names: &[PathBuf]| {
+            let found = named_files(names)?;
+            let name = |file: &PathBuf| file.file_name().unwrap().to_str().unwrap().to_owned();
+            Ok::<Vec<String>, RecordError>(found.iter().map(name).collect())
+        };
+        assert_eq!(named(&[path("part_*.csv")]).unwrap(), ["part_2.csv", "part_10.csv"]);
+        assert_eq!(named(&[folder.path().to_owned()]).unwrap(), ["other.npy", "part_2.csv", "part_10.csv"]);
+        assert_eq!(named(&[path("notes.md"), path("other.npy")]).unwrap(), ["notes.md", "other.npy"]);
+        let twice = named(&[path("part_2.csv"), path("*.csv")]).unwrap_err();
+        assert!(matches!(&twice, RecordError::FileTwice { file } if file.ends_with("part_2.csv")), "{twice}");
+        for missing in ["gone.csv", "gone_*.csv", "gone_[.csv"] {
+            let error = named(&[path(missing)]).unwrap_err();
+            assert!(matches!(&error, RecordError::Io { file, .. } if file.ends_with(missing)), "{error}");
+        }
+        std::fs::create_dir(path("empty")).unwrap();
+        assert!(named(&[path("empty")]).unwrap_err().to_string().contains("no file in this folder"));
     }
 
     #[test]

@@ -11,7 +11,7 @@ use super::columns::{Columns, Selection};
 use super::error::{At, FilePosition, RecordError};
 use super::row_reader::{RowReader, Rows};
 use super::source_file::{SourceFile, common_columns};
-use super::warning::RecordWarning;
+use super::warning::{Affected, RecordWarning};
 use crate::study::Setup;
 
 /// Clocks that run apart by more rows than this are told of: half a row is what a row can be off by anyhow.
@@ -37,6 +37,8 @@ pub(super) struct Lane {
     lead: u64,
     /// By how much of a row its first is later than the recording's row that it becomes.
     offset_rows: f64,
+    /// The same of each of its channels, beside that.
+    late_rows: Vec<f64>,
     /// Rows read last, and how many of them are handed out.
     rows: Vec<f64>,
     used: usize,
@@ -143,7 +145,22 @@ impl Lane {
         let clock = Clock::new(setup.sampling_rate_hz);
         let (lead, offset_rows, rows) = (0, 0.0, Vec::new());
         let (next_file, reader, used, count) = (0, None, 0, 0);
-        Ok(Self { setup, files, selection, places, clock, next_file, reader, lead, offset_rows, rows, used, count })
+        let late_rows = Vec::new();
+        Ok(Self {
+            setup,
+            files,
+            selection,
+            places,
+            clock,
+            next_file,
+            reader,
+            lead,
+            offset_rows,
+            late_rows,
+            rows,
+            used,
+            count,
+        })
     }
 
     /// Where its channels stand among the recording's.
@@ -173,7 +190,12 @@ impl Lane {
         loop {
             let Some(reader) = &mut self.reader else {
                 let Some(file) = self.files.get(self.next_file) else { return Ok((0, false)) };
-                self.reader = Some(file.open(&self.setup)?);
+                let reader = file.open(&self.setup)?;
+                if self.next_file == 0 {
+                    let late = |column: &usize| reader.late_rows().get(*column).copied().unwrap_or(0.0);
+                    self.late_rows = self.selection.columns.iter().map(late).collect();
+                }
+                self.reader = Some(reader);
                 self.next_file += 1;
                 self.clock.start_file();
                 is_begin = true;
@@ -286,6 +308,17 @@ pub(super) fn warnings(lanes: &[Lane], sampling_rate_hz: f64) -> Vec<RecordWarni
             degrees_at_1_hz: 360.0 * lane.offset_rows / sampling_rate_hz,
         })
         .collect();
+    for lane in lanes {
+        // To a hundredth of a millisecond: channels of one logger are late alike.
+        let late = |rows: f64| (1e5 * rows / sampling_rate_hz).round() as i64;
+        let told = lane.late_rows.iter().map(|rows| Some(late(*rows)).filter(|_| rows.abs() >= LEAST_OFFSET_ROWS));
+        let channels = lane.selection.channels.iter().map(String::as_str).zip(told);
+        warnings.extend(Affected::alike(channels).into_iter().map(|(late, channels)| RecordWarning::ChannelOffset {
+            channels,
+            late_ms: late as f64 * 1e-2,
+            degrees_at_1_hz: 360.0 * late as f64 * 1e-5,
+        }));
+    }
     let ahead: Vec<(f64, &Lane)> = lanes.iter().filter_map(|lane| Some((lane.ahead_rows()?, lane))).collect();
     let least = ahead.iter().min_by(|a, b| a.0.total_cmp(&b.0));
     let most = ahead.iter().max_by(|a, b| a.0.total_cmp(&b.0));

@@ -19,6 +19,8 @@ pub(super) struct Lines {
     comment_marks: &'static [u8],
     line: Vec<u8>,
     number: u64,
+    /// Between which bytes cells stand (`None`: blanks), and how many there are in a row, once that is known.
+    row: Option<(Option<u8>, usize)>,
 }
 
 impl Lines {
@@ -29,7 +31,19 @@ impl Lines {
         if reader.fill_buf().map_err(RecordError::io(path))?.starts_with(BYTE_ORDER_MARK) {
             reader.consume(BYTE_ORDER_MARK.len());
         }
-        Ok(Self { path: path.to_owned(), reader, comment_marks, line: Vec::new(), number: 0 })
+        Ok(Self { path: path.to_owned(), reader, comment_marks, line: Vec::new(), number: 0, row: None })
+    }
+
+    /// From here on lines of so many cells are rows even where they begin with a spreadsheet's error value, such as #N/A.
+    pub(super) fn expect_rows(&mut self, separator: Option<u8>, cells: usize) {
+        self.row = Some((separator, cells));
+    }
+
+    /// Whether the line read is passed over.
+    fn is_comment(&self) -> bool {
+        let first = self.line.trim_ascii_start().first();
+        first.is_some_and(|first| self.comment_marks.contains(first))
+            && !self.row.is_some_and(|(separator, cells)| begins_with_error_value(self.line(), separator, cells))
     }
 
     /// Goes to the next line that is no comment; false at the end of the file.
@@ -45,9 +59,8 @@ impl Lines {
             if bytes == LONGEST_LINE && self.line.last() != Some(&b'\n') {
                 return Err(RecordError::LineTooLong { position: self.position(), limit: LONGEST_LINE });
             }
-            match self.line.trim_ascii_start().first() {
-                Some(mark) if self.comment_marks.contains(mark) => {}
-                _ => return Ok(true),
+            if !self.is_comment() {
+                return Ok(true);
             }
         }
     }
@@ -81,11 +94,34 @@ impl Lines {
                 self.reader.consume(1);
                 continue;
             }
-            count += u64::from(!self.comment_marks.contains(&first));
+            if self.comment_marks.contains(&first) {
+                self.line.clear();
+                let mut limited = (&mut self.reader).take(LONGEST_LINE as u64);
+                limited.read_until(b'\n', &mut self.line).map_err(RecordError::io(&self.path))?;
+                if self.line.len() == LONGEST_LINE && self.line.last() != Some(&b'\n') {
+                    // Whoever reads the rows is told where.
+                    self.reader.skip_until(b'\n').map_err(RecordError::io(&self.path))?;
+                }
+                count += u64::from(!self.is_comment());
+                continue;
+            }
+            count += 1;
             self.reader.skip_until(b'\n').map_err(RecordError::io(&self.path))?;
         }
         Ok(count)
     }
+}
+
+/// Whether a line has a row's number of cells, and a spreadsheet's error value (#N/A, #NV, #DIV/0! or others) in the first that is not empty.
+fn begins_with_error_value(line: &[u8], separator: Option<u8>, cells: usize) -> bool {
+    let is_between = |byte: &u8| separator.map_or(byte.is_ascii_whitespace(), |separator| *byte == separator);
+    let mut found = line.split(is_between).map(<[u8]>::trim_ascii);
+    // Blanks in a row are as one; of other separators each ends a cell.
+    let count = found.clone().filter(|cell| separator.is_some() || !cell.is_empty()).count();
+    let Some([b'#', value @ ..]) = found.find(|cell| !cell.is_empty()) else { return false };
+    let is_of_value =
+        |byte: &u8| byte.is_ascii_uppercase() || matches!(byte, b'/' | b'0' | b'!' | b'?') || !byte.is_ascii();
+    count == cells && !value.is_empty() && value.iter().all(is_of_value)
 }
 
 /// The first byte of the line that is no blank, or its line break; `None` at the end of the file.

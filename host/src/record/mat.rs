@@ -5,18 +5,20 @@
 
 mod element;
 mod hdf5;
+mod recording;
 
-use std::fs::File;
 use std::path::Path;
 
 use nalgebra::DMatrix;
 use nalgebra_sparse::CooMatrix;
 
-use super::array::{ArrayReader, Layout, Source};
 use super::error::{MatError, listed};
 use element::MatFile;
 
 pub use element::{Class, Variable};
+pub(super) use recording::MatRecording;
+#[cfg(test)]
+pub(super) use recording::inflated_into_memory;
 
 /// Numbers in the largest matrix that is made dense: 1 GiB.
 const MOST_NUMBERS: u64 = 1 << 27;
@@ -83,92 +85,6 @@ fn sparse_entries(
         Ok(())
     })?;
     Ok(entries)
-}
-
-/// Shape of a recording: its longer dimension is time (the first, where they are equal).
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct RecordingShape {
-    pub(super) rows: u64,
-    pub(super) columns: usize,
-    row_by_row: bool,
-}
-
-/// The shape of the recording that `variable` names, or the file's only matrix.
-pub(super) fn recording_shape(path: &Path, variable: Option<&str>) -> Result<RecordingShape, MatError> {
-    let chosen = recording_variable(path, variable)?;
-    let shape = shape_of(path, &chosen)?;
-    if !chosen.is_compressed() {
-        // Finds a file cut short before the reading starts.
-        MatFile::open(path)?.numbers(&chosen)?;
-    }
-    Ok(shape)
-}
-
-/// Opens the recording that `variable` names, or the file's only matrix.
-pub(super) fn open_recording(path: &Path, variable: Option<&str>) -> Result<ArrayReader, MatError> {
-    let chosen = recording_variable(path, variable)?;
-    let shape = shape_of(path, &chosen)?;
-    let numbers = MatFile::open(path)?.numbers(&chosen)?;
-    let source = match numbers.inflated {
-        Some(source) => source,
-        None => Source::File(File::open(path).map_err(MatError::io(path))?),
-    };
-    let layout = Layout {
-        offset: numbers.offset,
-        sample: numbers.sample,
-        big_endian: numbers.big_endian,
-        rows: shape.rows,
-        columns: shape.columns,
-        row_by_row: shape.row_by_row,
-    };
-    Ok(ArrayReader::new(path.to_owned(), source, layout))
-}
-
-/// Whether a compressed recording's numbers are kept in memory.
-#[cfg(test)]
-pub(super) fn inflated_into_memory(path: &Path) -> Option<bool> {
-    let numbers = MatFile::open(path).ok()?.numbers(&recording_variable(path, None).ok()?).ok()?;
-    numbers.inflated.map(|source| matches!(source, Source::Memory(_)))
-}
-
-fn shape_of(path: &Path, variable: &Variable) -> Result<RecordingShape, MatError> {
-    let (first, second) = real_dimensions(path, variable)?;
-    let (file, name) = (path.to_owned(), variable.name.clone());
-    if variable.class != Class::Numeric {
-        return Err(MatError::NotNumeric { file, variable: name, found: variable.class.to_string() });
-    }
-    if first == 0 || second == 0 {
-        return Err(MatError::Empty { file, variable: name });
-    }
-    let row_by_row = second > first;
-    let (rows, columns) = if row_by_row { (second, first) } else { (first, second) };
-    let columns = usize::try_from(columns).map_err(|_| MatError::TooLarge { file, variable: name, rows, columns })?;
-    Ok(RecordingShape { rows, columns, row_by_row })
-}
-
-/// The variable a recording is in: the one named, else the only matrix, else (no matrix) the only vector.
-fn recording_variable(path: &Path, name: Option<&str>) -> Result<Variable, MatError> {
-    let mut variables = variables(path)?;
-    if let Some(name) = name {
-        return find(path, variables, name);
-    }
-    let available = list(&variables);
-    variables.retain(|variable| variable.class == Class::Numeric && !variable.complex);
-    let longer_than_one = |variable: &Variable| variable.dimensions.iter().filter(|length| **length > 1).count();
-    variables.retain(|variable| variable.dimensions.len() == 2);
-    for least in [2, 1] {
-        let mut candidates: Vec<Variable> =
-            variables.iter().filter(|variable| longer_than_one(variable) >= least).cloned().collect();
-        match (candidates.pop(), candidates.is_empty()) {
-            (Some(only), true) => return Ok(only),
-            (Some(last), false) => {
-                candidates.push(last);
-                return Err(MatError::SeveralMatrices { file: path.to_owned(), candidates: list(&candidates) });
-            }
-            (None, _) => {}
-        }
-    }
-    Err(MatError::NoMatrix { file: path.to_owned(), available })
 }
 
 fn find(path: &Path, variables: Vec<Variable>, name: &str) -> Result<Variable, MatError> {

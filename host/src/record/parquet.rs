@@ -23,7 +23,7 @@ use super::files::open_file;
 use super::row_reader::{RowReader, Rows};
 use crate::study::Sensor;
 use chunks::Chunks;
-use column::{Cells, Numbers, Scratch};
+use column::{Cells, Numbers, Scratch, is_local, is_timestamp};
 use footer::announces_too_much;
 use guard::guarded;
 
@@ -38,6 +38,8 @@ struct TimeColumn {
     column: usize,
     name: String,
     numbers: Numbers,
+    /// It holds dates and times of day of no known zone.
+    is_local: bool,
 }
 
 /// A row group being read: the wanted columns, then the time column.
@@ -104,7 +106,11 @@ impl ParquetReader {
                     });
                 }
             }
-            let time = match names.iter().position(|name| is_time_column(name, sensors)) {
+            // Dates and times of day are no samples: the only such column has the times, whatever its name is.
+            let mut dated = (0..).zip(descriptors).filter(|(_, descriptor)| is_timestamp(descriptor)).map(|(at, _)| at);
+            let only_dated: Option<usize> = dated.next().filter(|_| dated.next().is_none());
+            let named = names.iter().position(|name| is_time_column(name, sensors));
+            let time = match named.or(only_dated) {
                 Some(column) => Some(time_column(path, column, &names, descriptors.get(column).map(AsRef::as_ref))?),
                 None => None,
             };
@@ -156,6 +162,16 @@ impl ParquetReader {
             }
         }
         Ok(rows + missing)
+    }
+
+    /// The column of times.
+    pub(super) fn time_name(&self) -> Option<&str> {
+        self.time.as_ref().map(|time| time.name.as_str())
+    }
+
+    /// Whether its times are dates and times of day of no known zone.
+    pub(super) fn has_local_times(&self) -> bool {
+        self.time.as_ref().is_some_and(|time| time.is_local)
     }
 
     /// The time of the first row in s, where there is a column of times: since 1970 where it holds timestamps.
@@ -295,7 +311,7 @@ fn time_column(
 ) -> Result<TimeColumn, RecordError> {
     let name = names.get(column).cloned().unwrap_or_default();
     match descriptor.and_then(Numbers::of) {
-        Some(numbers) => Ok(TimeColumn { column, name, numbers }),
+        Some(numbers) => Ok(TimeColumn { column, name, numbers, is_local: descriptor.is_some_and(is_local) }),
         None => Err(RecordError::TimeNotSeconds {
             position: FilePosition { file: path.to_owned(), at: At::Row(1) },
             column: name,
@@ -328,6 +344,9 @@ fn open_group(
 
 /// A column's type as an error names it.
 fn type_name(descriptor: &ColumnDescriptor) -> String {
+    if is_timestamp(descriptor) {
+        return "dates and times of day".to_owned();
+    }
     let logical = descriptor.logical_type_ref().map(|logical| format!(" ({logical:?})")).unwrap_or_default();
     let several = if descriptor.max_rep_level() > 0 { "lists of " } else { "" };
     format!("{several}{}{logical}", descriptor.physical_type())

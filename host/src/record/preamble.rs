@@ -5,7 +5,7 @@ use std::path::Path;
 
 use super::error::RecordError;
 use super::lines::Lines;
-use super::number::parse_number;
+use super::number::parse_cell;
 
 /// The first row of numbers is looked for in so many lines, and so many bytes.
 const MOST_LINES: usize = 256;
@@ -24,6 +24,8 @@ pub(super) struct Preamble {
     pub(super) separator: u8,
     /// Lines before the one with the names, without comments.
     pub(super) lines_before: usize,
+    /// Whether a line has names; without, the first line is a row.
+    pub(super) has_names: bool,
     /// A line with units follows.
     pub(super) has_units: bool,
 }
@@ -37,10 +39,18 @@ pub(super) fn preamble(path: &Path) -> Result<Preamble, RecordError> {
     while texts.len() < MOST_LINES && bytes < MOST_BYTES && lines.advance()? {
         let line = lines.line();
         if let Some(separator) = [b'\t', b';', b','].into_iter().find(|separator| is_row(line, *separator)) {
-            match header(&texts, line, separator) {
-                Some(found) => return Ok(found),
-                None => break,
+            if let Some(found) = header(&texts, line, separator) {
+                return Ok(found);
             }
+            let row = line.to_vec();
+            let is_first = texts.iter().all(|line| line.trim_ascii().is_empty());
+            if is_first && !(lines.advance()? && are_names(&row, lines.line(), separator)) {
+                return Ok(Preamble { separator, lines_before: texts.len(), has_names: false, has_units: false });
+            }
+            if is_first {
+                texts.push(row);
+            }
+            break;
         }
         bytes += line.len();
         texts.push(line.to_vec());
@@ -54,14 +64,16 @@ pub(super) fn preamble(path: &Path) -> Result<Preamble, RecordError> {
     };
     let count = |separator: u8| line.iter().filter(|byte| **byte == separator).count();
     let separator = [b'\t', b';', b','].into_iter().max_by_key(|separator| count(*separator)).unwrap_or(b',');
-    Ok(Preamble { separator, lines_before, has_units: false })
+    Ok(Preamble { separator, lines_before, has_names: true, has_units: false })
 }
 
 /// Whether all cells of a line are numbers or empty. A single cell is one whatever the separator; the comma, which is tried last, has it.
 fn is_row(line: &[u8], separator: u8) -> bool {
     let cells = cells(line, separator);
     let is_single = cells.len() == 1 && separator != b',';
-    !is_single && cells.iter().all(|cell| parse_number(cell).is_some()) && cells.iter().any(|cell| !cell.is_empty())
+    !is_single
+        && cells.iter().all(|cell| parse_cell(cell, separator).is_some())
+        && cells.iter().any(|cell| !cell.is_empty())
 }
 
 /// The preamble of the first row of numbers.
@@ -69,18 +81,34 @@ fn header(before: &[Vec<u8>], row: &[u8], separator: u8) -> Option<Preamble> {
     let width = cells(row, separator).len();
     let is_names = |line: &[u8]| {
         let cells = cells(line, separator);
-        cells.len() == width && cells.iter().all(|cell| !cell.is_empty() && parse_number(cell).is_none())
+        cells.len() == width && cells.iter().all(|cell| !cell.is_empty() && parse_cell(cell, separator).is_none())
     };
     let mut held = before.iter().enumerate().rev().filter(|(_, line)| !line.trim_ascii().is_empty());
     let ((last, last_line), earlier) = (held.next()?, held.next());
     match earlier {
         Some((names, line)) if is_names(line) && is_units(last_line, width, separator) => {
-            Some(Preamble { separator, lines_before: names, has_units: true })
+            Some(Preamble { separator, lines_before: names, has_names: true, has_units: true })
         }
         // Words behind names are a sample that is none.
         Some((_, line)) if is_names(line) => None,
-        _ => is_names(last_line).then_some(Preamble { separator, lines_before: last, has_units: false }),
+        _ => {
+            is_names(last_line).then_some(Preamble { separator, lines_before: last, has_names: true, has_units: false })
+        }
     }
+}
+
+/// Whether a first line of numbers has names that are numbers: whole ones that count from 0 (as pandas has them) or from 1, or from 1 upwards, no two
+/// alike and before a row without whole ones.
+fn are_names(first: &[u8], next: &[u8], separator: u8) -> bool {
+    let is_whole = |cell: &&[u8]| !cell.is_empty() && cell.iter().all(u8::is_ascii_digit);
+    let first = cells(first, separator);
+    let counts_from = |start: usize| (start..).zip(&first).all(|(number, cell)| number.to_string().as_bytes() == *cell);
+    let counts = first.len() > 1 && (counts_from(0) || counts_from(1));
+    let are_unlike = first.iter().enumerate().all(|(at, cell)| !first.iter().take(at).any(|other| other == cell));
+    let are_numbers = first.iter().all(is_whole) && !first.contains(&&b"0"[..]);
+    let next = cells(next, separator);
+    let is_count = |cell: &&[u8]| is_whole(&cell.strip_prefix(b"-").unwrap_or(cell));
+    next.len() == first.len() && (counts || (are_numbers && are_unlike && !next.iter().any(is_count)))
 }
 
 /// Whether a line has units: one that is known at least, and no numbers.
@@ -90,7 +118,7 @@ fn is_units(line: &[u8], width: usize, separator: u8) -> bool {
         let text = words(cell).to_lowercase();
         UNITS.contains(&text.trim_matches(['[', ']', '(', ')', ' ']))
     };
-    let is_number = |cell: &&[u8]| !cell.is_empty() && parse_number(cell).is_some();
+    let is_number = |cell: &&[u8]| !cell.is_empty() && parse_cell(cell, separator).is_some();
     cells.len() == width && !cells.iter().any(is_number) && cells.iter().any(is_known)
 }
 

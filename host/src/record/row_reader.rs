@@ -14,6 +14,11 @@ pub(super) trait RowReader: std::fmt::Debug + Send {
     /// Appends up to `most` rows, NaN where a sample is missing, and returns how many; 0 at the end of the file.
     fn read(&mut self, most: usize, rows: &mut Rows<'_>) -> Result<usize, RecordError>;
 
+    /// By how many rows the samples of each column are later than the rows that they become; empty where that is not known.
+    fn late_rows(&self) -> &[f64] {
+        &[]
+    }
+
     /// Where a row of the last read stands (from 0 within that read).
     fn position(&self, row: usize) -> FilePosition;
 }

@@ -6,18 +6,18 @@ use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
-use super::array::ArrayReader;
-use super::channels::ChannelReader;
-use super::clock::{Clock, UNIX_S};
+use super::channels::{ChannelReader, RateAndUnit};
+use super::clock::{Clock, UNIX_S, unix_ns};
 use super::columns::Columns;
 use super::error::RecordError;
 use super::hdf5::recording::Hdf5Recording;
+use super::mat::MatRecording;
 use super::parquet::ParquetReader;
 use super::row_reader::RowReader;
 use super::text::TextReader;
 use super::traces::Traces;
 use super::uff::UffReader;
-use super::{mat, mseed, npy, sac, tdms, udbf, wav};
+use super::{mseed, npy, sac, tdms, udbf, wav};
 use crate::study::Setup;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -40,8 +40,12 @@ enum Format {
 /// What a file says of its channels, in their order; nothing of one whose format has no place for it.
 #[derive(Debug, Default)]
 pub(super) struct Said {
-    pub(super) channels: Vec<(Option<f64>, Option<String>)>,
+    pub(super) channels: Vec<RateAndUnit>,
     pub(super) start_ns: Option<i64>,
+    /// What of its numbers is no channel, in words.
+    pub(super) others: Option<String>,
+    /// The column of times, where its name need not tell.
+    pub(super) time: Option<String>,
 }
 
 /// One of a setup's files, its format known by its ending; or several, where each has a channel or a part of one.
@@ -87,6 +91,10 @@ impl SourceFile {
         let format = match format_of(&path) {
             Some(Format::WhiteSpace | Format::Csv) if is_toa5(&path) => Format::Toa5,
             Some(Format::WhiteSpace) if udbf::is_udbf(&path) => Format::Udbf,
+            // Full SEED, and what else is called so, is not read.
+            Some(Format::MiniSeed) if has_ending(&path, &["msd", "seed"]) && !is_mini_seed(&path) => {
+                return Err(RecordError::UnknownEnding { file: path });
+            }
             Some(format) => format,
             None => return Err(RecordError::UnknownEnding { file: path }),
         };
@@ -96,11 +104,18 @@ impl SourceFile {
     /// Each channel's rate and unit, and when the first row was, where the format has a place for it.
     pub(super) fn said(&self, setup: &Setup) -> Result<Said, RecordError> {
         let of_units = |units: Vec<Option<String>>| units.into_iter().map(|unit| (None, unit)).collect();
-        // To the microsecond: at these times a float has a quarter of one.
-        let ns = |seconds: f64| (1e6 * seconds).round() as i64 * 1000;
-        let of_channels = |reader: ChannelReader| Said { channels: reader.said(), start_ns: reader.start_ns() };
+        let of_channels =
+            |reader: ChannelReader| Said { channels: reader.said(), start_ns: reader.start_ns(), ..Said::default() };
         Ok(match self.format {
-            Format::Hdf5 => Said { channels: Hdf5Recording::open(&self.path, setup)?.said(), start_ns: None },
+            Format::Hdf5 => {
+                let recording = Hdf5Recording::open(&self.path, setup)?;
+                Said {
+                    channels: recording.said()?,
+                    start_ns: recording.start_ns()?,
+                    others: recording.others().map(str::to_owned),
+                    time: None,
+                }
+            }
             Format::Wav => of_channels(wav::open(&self.path, setup)?),
             Format::Tdms => of_channels(tdms::open(&self.path, setup)?),
             Format::Sac | Format::MiniSeed | Format::Udbf => of_channels(self.traces(setup)?),
@@ -108,25 +123,51 @@ impl SourceFile {
                 let reader = UffReader::open(&self.path, setup)?;
                 let rates = reader.rates_hz().into_iter().map(Some);
                 let units = reader.units().into_iter().map(|unit| Some(unit?.to_owned()));
-                Said { channels: rates.zip(units).collect(), start_ns: None }
+                Said { channels: rates.zip(units).collect(), ..Said::default() }
             }
             Format::Toa5 => {
                 let reader = TextReader::open_toa5(&self.path, &setup.sensors)?;
                 let (channels, first_s) = (of_units(reader.units()), reader.first_time_s()?);
                 let ahead_s = setup.utc_offset_h.map(|ahead_h| 3600.0 * ahead_h);
-                Said { channels, start_ns: first_s.zip(ahead_s).map(|(first_s, ahead_s)| ns(first_s - ahead_s)) }
+                Said {
+                    channels,
+                    start_ns: first_s.zip(ahead_s).map(|(first_s, ahead_s)| unix_ns(first_s - ahead_s)),
+                    ..Said::default()
+                }
             }
             Format::Csv => {
                 let reader = TextReader::open_csv(&self.path, &setup.sensors)?;
                 let (channels, first_s) = (of_units(reader.units()), reader.first_time_s()?);
-                Said { channels, start_ns: first_s.filter(|first_s| UNIX_S.contains(first_s)).map(ns) }
+                Said {
+                    channels,
+                    start_ns: first_s.filter(|first_s| UNIX_S.contains(first_s)).map(unix_ns),
+                    ..Said::default()
+                }
             }
             Format::Parquet => {
-                let first_s = ParquetReader::open(&self.path, &setup.sensors)?.first_time_s()?;
-                Said { channels: Vec::new(), start_ns: first_s.filter(|first_s| UNIX_S.contains(first_s)).map(ns) }
+                let reader = ParquetReader::open(&self.path, &setup.sensors)?;
+                // Times without a zone are those of the logger's clock, as in TOA5.
+                let ahead_s = if reader.has_local_times() { setup.utc_offset_h.map(|h| 3600.0 * h) } else { Some(0.0) };
+                let time = reader.time_name().map(str::to_owned);
+                let first_s = reader.first_time_s()?.filter(|first_s| UNIX_S.contains(first_s));
+                Said {
+                    start_ns: first_s.zip(ahead_s).map(|(first_s, ahead_s)| unix_ns(first_s - ahead_s)),
+                    time,
+                    ..Said::default()
+                }
             }
-            Format::WhiteSpace | Format::Npy | Format::Mat => Said::default(),
+            Format::Mat => {
+                let recording = MatRecording::open(&self.path, setup)?;
+                let others = recording.others().map(str::to_owned);
+                Said { channels: recording.said(), others, ..Said::default() }
+            }
+            Format::WhiteSpace | Format::Npy => Said::default(),
         })
+    }
+
+    /// Whether a column may hold something else than numbers, which only reading shows.
+    pub(super) fn may_hold_words(&self) -> bool {
+        matches!(self.format, Format::WhiteSpace | Format::Csv | Format::Toa5 | Format::Parquet)
     }
 
     /// The files that it stands for.
@@ -141,7 +182,7 @@ impl SourceFile {
             Format::Csv => TextReader::open_csv(&self.path, &setup.sensors)?.inspect(setup.sampling_rate_hz),
             Format::Toa5 => TextReader::open_toa5(&self.path, &setup.sensors)?.inspect(setup.sampling_rate_hz),
             Format::Npy => Ok(Columns::Numbered(npy::open(&self.path)?.columns())),
-            Format::Mat => Ok(Columns::Numbered(mat::recording_shape(&self.path, setup.variable.as_deref())?.columns)),
+            Format::Mat => Ok(MatRecording::open(&self.path, setup)?.columns()),
             Format::Hdf5 => Ok(Hdf5Recording::open(&self.path, setup)?.columns()),
             Format::Wav => Ok(wav::open(&self.path, setup)?.columns()),
             Format::Tdms => Ok(tdms::open(&self.path, setup)?.columns()),
@@ -157,7 +198,7 @@ impl SourceFile {
             Format::Csv => Box::new(TextReader::open_csv(&self.path, &setup.sensors)?),
             Format::Toa5 => Box::new(TextReader::open_toa5(&self.path, &setup.sensors)?),
             Format::Npy => Box::new(npy::open(&self.path)?),
-            Format::Mat => Box::new(self.open_mat(setup)?),
+            Format::Mat => MatRecording::open(&self.path, setup)?.reader(setup)?,
             Format::Hdf5 => Hdf5Recording::open(&self.path, setup)?.reader(setup)?,
             Format::Wav => Box::new(wav::open(&self.path, setup)?),
             Format::Tdms => Box::new(tdms::open(&self.path, setup)?),
@@ -167,10 +208,6 @@ impl SourceFile {
         })
     }
 
-    fn open_mat(&self, setup: &Setup) -> Result<ArrayReader, RecordError> {
-        Ok(mat::open_recording(&self.path, setup.variable.as_deref())?)
-    }
-
     /// Exact number of rows, those included that the time column says are missing.
     pub(super) fn count_rows(&self, setup: &Setup, clock: &mut Clock) -> Result<u64, RecordError> {
         match self.format {
@@ -178,7 +215,7 @@ impl SourceFile {
             Format::Csv => TextReader::open_csv(&self.path, &setup.sensors)?.count_rows(clock),
             Format::Toa5 => TextReader::open_toa5(&self.path, &setup.sensors)?.count_rows(clock),
             Format::Npy => Ok(npy::open(&self.path)?.rows()),
-            Format::Mat => Ok(mat::recording_shape(&self.path, setup.variable.as_deref())?.rows),
+            Format::Mat => Ok(MatRecording::open(&self.path, setup)?.rows()),
             Format::Hdf5 => Ok(Hdf5Recording::open(&self.path, setup)?.rows()),
             Format::Wav => Ok(wav::open(&self.path, setup)?.rows()),
             Format::Tdms => Ok(tdms::open(&self.path, setup)?.rows()),
@@ -204,9 +241,28 @@ fn format_of(path: &Path) -> Option<Format> {
         "wav" | "rf64" => Format::Wav,
         "sac" => Format::Sac,
         "tdms" => Format::Tdms,
-        "mseed" | "miniseed" | "ms" | "mseed3" | "ms3" => Format::MiniSeed,
+        "mseed" | "miniseed" | "ms" | "mseed3" | "ms3" | "msd" | "seed" => Format::MiniSeed,
         _ => return None,
     })
+}
+
+/// Whether a file has the ending of a recording.
+pub(super) fn is_recording(path: &Path) -> bool {
+    format_of(path).is_some()
+}
+
+fn has_ending(path: &Path, endings: &[&str]) -> bool {
+    path.extension().is_some_and(|ending| endings.iter().any(|one| ending.eq_ignore_ascii_case(one)))
+}
+
+/// Whether a file begins as a record of miniSEED: version 3 with its letters, version 2 with a number of six digits and the quality of data.
+fn is_mini_seed(path: &Path) -> bool {
+    let mut start = [0; 8];
+    let is_read = File::open(path).and_then(|mut file| file.read_exact(&mut start)).is_ok();
+    let is_version_2 = start[..6].iter().all(|byte| byte.is_ascii_digit() || *byte == b' ')
+        && matches!(start[6], b'D' | b'R' | b'Q' | b'M')
+        && matches!(start[7], b' ' | 0);
+    is_read && (start.starts_with(b"MS\x03") || is_version_2)
 }
 
 /// Whether a text file begins as one of a Campbell logger.

@@ -90,7 +90,7 @@ pub(super) fn open(path: &Path, setup: &Setup) -> Result<ChannelReader, RecordEr
     }
     let reader = ChannelReader::new(vec![(path.to_owned(), Source::File(file))], read, true, setup)?;
     Ok(match start_ns {
-        Some(start_ns) => reader.from(start_ns),
+        Some(start_ns) => reader.from(start_ns, Vec::new()),
         None => reader,
     })
 }

@@ -9,7 +9,7 @@ use super::clock::{Clock, check_rate};
 use super::columns::{Columns, Selection, is_time_column};
 use super::error::{At, FilePosition, RecordError, quoted};
 use super::lines::Lines;
-use super::number::parse_number;
+use super::number::{parse_cell, parse_number};
 use super::preamble::{preamble, words};
 use super::row_reader::{RowReader, Rows};
 use super::stamp;
@@ -71,6 +71,9 @@ impl TextReader {
     pub(super) fn open_csv(path: &Path, sensors: &[Sensor]) -> Result<Self, RecordError> {
         let preamble = preamble(path)?;
         let mut reader = Self::new(Lines::open(path, b"#")?, Separator::Byte(preamble.separator));
+        if !preamble.has_names {
+            return Ok(reader);
+        }
         for _ in 0..=preamble.lines_before {
             reader.lines.advance()?;
         }
@@ -79,6 +82,7 @@ impl TextReader {
             while reader.lines.advance()? && reader.lines.line().trim_ascii().is_empty() {}
             reader.take_units()?;
         }
+        reader.lines.expect_rows(Some(preamble.separator), reader.width);
         Ok(reader)
     }
 
@@ -172,7 +176,7 @@ impl TextReader {
         let mut resolution_s: f64 = 1.0;
         loop {
             let text = self.cell(time.column);
-            let decimals = text.iter().rev().position(|byte| *byte == b'.').unwrap_or(0);
+            let decimals = text.iter().rev().position(|byte| matches!(byte, b'.' | b',')).unwrap_or(0);
             resolution_s = resolution_s.min(0.1_f64.powi(decimals.min(30) as i32));
             times_s.push(self.time_s(&time)?);
             if times_s.len() >= ROWS_TO_CHECK || !self.next_line()? {
@@ -186,9 +190,11 @@ impl TextReader {
     /// Exact number of rows that [`RowReader::read`] will give, filled rows included.
     pub(super) fn count_rows(mut self, clock: &mut Clock) -> Result<u64, RecordError> {
         // Only where blank lines or the time column make rows must the lines be looked into.
-        let blanks_are_cells = self.names.is_some() && (self.width == 1 || self.separator == Separator::Byte(b'\t'));
+        let is_only_column = self.names.is_some() && self.width == 1;
+        let blanks_are_cells = is_only_column || self.separator == Separator::Byte(b'\t');
         if self.time.is_none() && !blanks_are_cells {
-            return self.lines.count_rest();
+            // The first row says how many cells the others have.
+            return Ok(if self.next_line()? { 1 + self.lines.count_rest()? } else { 0 });
         }
         clock.start_file();
         let mut rows = 0;
@@ -239,6 +245,11 @@ impl TextReader {
         let found = self.cell_count();
         if self.names.is_none() && self.width == 0 {
             self.width = found;
+            let separator = match self.separator {
+                Separator::WhiteSpace => None,
+                Separator::Byte(separator) => Some(separator),
+            };
+            self.lines.expect_rows(separator, found);
         }
         if found == self.width {
             return Ok(true);
@@ -321,18 +332,25 @@ impl TextReader {
                 hint: STAMP_HINT,
             });
         }
-        parse_number(text).filter(|time_s| time_s.is_finite()).ok_or_else(|| RecordError::TimeNotSeconds {
+        self.number(text).filter(|time_s| time_s.is_finite()).ok_or_else(|| RecordError::TimeNotSeconds {
             position: self.lines.position(),
             column: time.name.clone(),
             text: quoted(text),
         })
     }
 
+    fn number(&self, cell: &[u8]) -> Option<f64> {
+        match self.separator {
+            Separator::WhiteSpace => parse_number(cell),
+            Separator::Byte(separator) => parse_cell(cell, separator),
+        }
+    }
+
     /// Appends the channels of the line reached.
     fn push_row(&self, selection: &Selection, values: &mut Vec<f64>) -> Result<(), RecordError> {
         for (channel, (column, factor)) in selection.columns.iter().zip(&selection.factors).enumerate() {
             let text = self.cell(*column);
-            let value = parse_number(text).ok_or_else(|| RecordError::NotANumber {
+            let value = self.number(text).ok_or_else(|| RecordError::NotANumber {
                 position: self.lines.position(),
                 channel: selection.channel(channel),
                 text: quoted(text),

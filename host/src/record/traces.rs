@@ -11,6 +11,7 @@ use super::channels::{Channel, ChannelReader, Form, Stretch, path_of};
 use super::clock::MOST_FILLED_ROWS;
 use super::columns::Columns;
 use super::error::RecordError;
+use super::leap;
 use crate::study::Setup;
 
 const NS: f64 = 1e9;
@@ -91,8 +92,10 @@ impl Traces {
                 unit: unit.clone(),
             })
             .collect();
-        // When the sample behind each channel's last is due, and how many rows its clock is ahead of the grid.
+        // When the sample behind each channel's last is due, in nanoseconds from the grid's first, and how many rows its clock is ahead.
         let mut due: Vec<Option<(i64, f64)>> = vec![None; channels.len()];
+        // By how many rows each channel's first sample is later than the row that it becomes.
+        let mut late_rows = vec![0.0; channels.len()];
         let mut missing: u64 = 0;
         for piece in &self.pieces {
             let wrong =
@@ -100,8 +103,15 @@ impl Traces {
             let (Some(channel), Some(due)) = (channels.get_mut(piece.name), due.get_mut(piece.name)) else { continue };
             // Where files are only looked into, each trace has a grid of its own.
             let grid_hz = if is_read { rate_hz } else { piece.rate_hz };
-            let rows = (piece.start_ns.saturating_sub(start_ns)) as f64 / NS * grid_hz;
-            let late = due.map(|(due_ns, _)| piece.start_ns.saturating_sub(due_ns) as f64 / NS * piece.rate_hz);
+            let in_calendar_ns = piece.start_ns.saturating_sub(start_ns);
+            let elapsed_ns = in_calendar_ns.saturating_add(leap::between_ns(start_ns, piece.start_ns));
+            let late_of = |ns: i64| due.map(|(due_ns, _)| ns.saturating_sub(due_ns) as f64 / NS * piece.rate_hz);
+            // A record that begins within a leap second has the time of the second after it.
+            let is_early = leap::may_be_within(piece.start_ns)
+                && late_of(in_calendar_ns).is_some_and(|late: f64| late.abs() <= 0.5);
+            let elapsed_ns = if is_early { in_calendar_ns } else { elapsed_ns };
+            let rows = elapsed_ns as f64 / NS * grid_hz;
+            let late = late_of(elapsed_ns);
             let end = channel.end();
             let row = match late {
                 Some(late) if late.abs() <= 0.5 => end,
@@ -125,7 +135,10 @@ impl Traces {
             }
             channel.rate_hz.get_or_insert(piece.rate_hz);
             let length_ns = (piece.count as f64 / piece.rate_hz * NS) as i64;
-            *due = Some((piece.start_ns.saturating_add(length_ns), rows - row as f64));
+            if let (None, Some(late_rows)) = (*due, late_rows.get_mut(piece.name)) {
+                *late_rows = rows - row as f64;
+            }
+            *due = Some((elapsed_ns.saturating_add(length_ns), rows - row as f64));
             let Piece { count, source, offset, form, .. } = *piece;
             channel.stretches.push(Stretch { row, count, source, offset, form });
         }
@@ -138,7 +151,7 @@ impl Traces {
             );
             return Err(RecordError::Format { file: first_file, reason });
         }
-        Ok(ChannelReader::new(self.sources, channels, true, setup)?.from(start_ns))
+        Ok(ChannelReader::new(self.sources, channels, true, setup)?.from(start_ns, late_rows))
     }
 }
 
@@ -163,6 +176,54 @@ pub(crate) fn utc(ns: i64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Pieces of 60 s at 10 Hz of two channels, which begin at these times of the calendar in ns.
+    fn reader(pieces: &[(usize, i64)]) -> Result<ChannelReader, RecordError> {
+        let mut traces = Traces::default();
+        let (a, b) = (traces.name("a"), traces.name("b"));
+        traces.sources.push((PathBuf::from("x.mseed"), Source::Memory(Vec::new())));
+        for (channel, start_ns) in pieces {
+            let form = Form::packed(super::super::array::Sample::F32, false, 0);
+            let name = if *channel == 0 { a } else { b };
+            let piece = Piece { name, start_ns: *start_ns, rate_hz: 10.0, count: 600, source: 0, offset: 0, form };
+            traces.push(piece);
+        }
+        traces.reader(&Setup::new(
+            "now",
+            10.0,
+            ["a", "b"].map(|channel| crate::study::Sensor::new(channel, 1)).to_vec(),
+        ))
+    }
+
+    #[test]
+    fn a_leap_second_makes_neither_a_gap_nor_samples_twice() {
+        const SECOND: i64 = 1_000_000_000;
+        // 2017-01-01T00:00:00Z, which 2016-12-31T23:59:60Z is counted as too.
+        let midnight = 1_483_228_800 * SECOND;
+        let before = midnight - 59 * SECOND;
+        // A minute from 23:59:01 on ends with the leap second.
+        assert_eq!(reader(&[(0, before), (0, midnight), (1, before)]).unwrap().rows(), 1200);
+        // The second piece begins within it: the first ended at 23:59:60.
+        let earlier = midnight - 60 * SECOND;
+        assert_eq!(reader(&[(0, earlier), (0, midnight), (1, earlier)]).unwrap().rows(), 1200);
+        // A year before there was none.
+        let day = midnight - 366 * 86_400 * SECOND;
+        let error = reader(&[(0, day - 59 * SECOND), (0, day), (1, day)]).unwrap_err().to_string();
+        assert!(error.contains("samples twice"), "{error}");
+    }
+
+    #[test]
+    fn channels_between_the_others_rows_are_told_by_how_much() {
+        use super::super::row_reader::RowReader;
+        let start = 1_772_366_400_000_000_000;
+        let late = reader(&[(0, start), (1, start + 30_000_000), (0, start + 60_000_000_000)]).unwrap();
+        assert_eq!(late.late_rows().len(), 2);
+        assert!(
+            (late.late_rows()[0]).abs() < 1e-9 && (late.late_rows()[1] - 0.3).abs() < 1e-9,
+            "{:?}",
+            late.late_rows()
+        );
+    }
 
     #[test]
     fn days_of_a_year_are_counted_as_the_calendar_has_them() {

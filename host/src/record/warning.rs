@@ -3,8 +3,8 @@
 use std::fmt;
 use std::path::PathBuf;
 
-use super::error::FilePosition;
-use crate::numbers::counted;
+use super::error::{FilePosition, is_summer_time};
+use crate::numbers::{counted, is_or_are};
 
 /// Channels of a setup that have something in common.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -77,6 +77,8 @@ pub enum RecordWarning {
     MostlyMissing { channels: Affected, percent: f64 },
     /// A logger's rows lie between those of the others.
     Offset { file: PathBuf, late_ms: f64, degrees_at_1_hz: f64 },
+    /// Samples of these channels lie between those of the others.
+    ChannelOffset { channels: Affected, late_ms: f64, degrees_at_1_hz: f64 },
     /// By their columns of times, the clocks of two loggers run apart.
     ClocksApart { file: PathBuf, other: PathBuf, rows: f64 },
     /// These channels do not move at all.
@@ -86,10 +88,19 @@ pub enum RecordWarning {
 impl fmt::Display for RecordWarning {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::TimeGap { position, rows, seconds } => write!(
-                formatter,
-                "{position}: gap in time: {rows} rows ({seconds:.3} s) are missing in all channels before it; they count as missing samples"
-            ),
+            Self::TimeGap { position, rows, seconds } => {
+                let hour = if is_summer_time(*seconds) {
+                    " (an hour is also what a clock that is put forward for summer leaves out: such a logger has no gap, and is to keep to winter time or UTC)"
+                } else {
+                    ""
+                };
+                write!(
+                    formatter,
+                    "{position}: gap in time: {} ({seconds:.3} s) {} missing in all channels before it, and counted as missing samples{hour}",
+                    counted(*rows, "row"),
+                    is_or_are(*rows)
+                )
+            }
             Self::TimeGaps { count, rows, seconds } => write!(
                 formatter,
                 "{count} gaps in time altogether: {rows} rows ({seconds:.3} s) are missing in all channels"
@@ -140,6 +151,14 @@ impl fmt::Display for RecordWarning {
                     formatter,
                     "{}: its samples are {off:.2} ms {side} than those of the setup's first logger, less than a row: its phases are off by {:.2}° at 1 Hz, and more above",
                     file.display(),
+                    degrees_at_1_hz.abs()
+                )
+            }
+            Self::ChannelOffset { channels, late_ms, degrees_at_1_hz } => {
+                let (off, side) = (late_ms.abs(), if *late_ms > 0.0 { "later" } else { "earlier" });
+                write!(
+                    formatter,
+                    "{channels}: the samples are {off:.2} ms {side} than the rows that they become: phases are off by {:.2}° at 1 Hz, and more above",
                     degrees_at_1_hz.abs()
                 )
             }

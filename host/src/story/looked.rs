@@ -9,7 +9,7 @@ use serde::Serialize;
 use super::error::StoryError;
 use super::identified::{Method, measure_between_gaps};
 use crate::archive::TimeRange;
-use crate::identify::suspect::{Suspicion, suspicions};
+use crate::identify::suspect::{Suspicion, can_be_asked, suspicions};
 use crate::identify::{MeasuredSetup, hold_to_standards, identify};
 use crate::measure::{ChannelLook, MeasureError, Measurement, Route, SetupLook, glance};
 use crate::progress::{OnProgress, rows_of};
@@ -178,8 +178,14 @@ fn by_shapes(
     let found = suspicions(&identification.modes, &measurement.setups);
     warnings.extend(found.iter().map(|suspicion| suspicion.words.clone()));
     suspects.extend(found.into_iter().map(|Suspicion { kind, setup, channels, .. }| Suspect { kind, setup, channels }));
-    let none = || "no mode stands out from the noise".to_owned();
-    ShapesLook { modes, obstacle: (modes == 0).then(none) }
+    let obstacle = match modes {
+        0 => Some("no mode stands out from the noise".to_owned()),
+        _ if !can_be_asked(&study.setups) => Some(
+            "that takes elevation_m and azimuth_deg of sensors in one direction at four heights at least".to_owned(),
+        ),
+        _ => None,
+    };
+    ShapesLook { modes, obstacle }
 }
 
 /// Looks at recordings without a study: each run of files with the same channels is a setup.
@@ -204,6 +210,7 @@ pub fn look_at_files(
         range: TimeRange::default(),
     };
     let mut report = look(&study, on_progress)?;
+    report.warnings.splice(0..0, found.iter().flat_map(Surveyed::warnings));
     for (one, setup) in found.iter().zip(&study.setups) {
         let Some(seen) = report.setups.iter_mut().find(|seen| seen.setup == setup.name) else { continue };
         for (channel, surveyed) in seen.channels.iter_mut().zip(one.channels.iter().filter(|c| one.is_at_rate(c))) {

@@ -146,5 +146,7 @@ fn recordings_alone_are_looked_at_without_a_study() {
     assert_eq!(report["setups"][0]["duration_s"].as_f64(), Some(6.0));
     assert!(fs::read_to_string(picture).unwrap().starts_with("<svg"));
     belfry_command().args(["look", &file("same.npy"), "--rate", "0"]).assert().code(2);
+    // A pattern that no shell has seen, as `files` of a setup has it.
+    assert_eq!(look(&[&file("obspy_part*.mseed")])["setups"][0]["rows"], 300);
     belfry_command().args(["look", "/nowhere/at/all.csv"]).assert().code(1).stderr(predicate::str::contains("all.csv"));
 }

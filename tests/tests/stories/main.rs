@@ -23,6 +23,7 @@ mod keys;
 mod link;
 mod look;
 mod model;
+mod moving;
 mod next;
 mod opensees;
 mod outcome;

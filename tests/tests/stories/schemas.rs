@@ -98,6 +98,7 @@ fn what_commands_print_is_as_their_schemas_say() {
         "watch canton --every 15min --once",
         "export canton",
         "export canton --of model",
+        "export canton --of animation --mode 1 --output mode-1.gif",
         "export canton --of psd --direct",
         "report canton",
         "effects",

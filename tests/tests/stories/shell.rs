@@ -72,6 +72,13 @@ fn the_manual_has_a_page_for_every_command() {
         assert!(text.starts_with(".ie") || text.starts_with(".TH"), "{name}: {}", text.lines().next().unwrap());
     }
     assert!(page("belfry-archive-check.1").contains("archive"), "steps of a command have pages of their own");
+    // A synopsis has the values of options and arguments, and says what may be repeated.
+    let collect = page("belfry-collect.1");
+    for words in
+        ["[\\fB\\-\\-port\\fR\\ \\fI<PORT>\\fR]...", "[\\fB\\-\\-baud\\fR\\ \\fI<BAUD>\\fR]", "<\\fISTUDY\\fR>"]
+    {
+        assert!(collect.contains(words), "{words}: {collect}");
+    }
     let first = page("belfry.1");
     assert!(first.contains("belfry\\-identify(1)") && first.contains("Exit status: 0 done, 1 failed"));
     // The first page is printed where no folder is named.

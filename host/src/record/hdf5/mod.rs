@@ -46,8 +46,16 @@ pub enum Hdf5Error {
     NotHdf5 { file: PathBuf },
     #[error("{}, {place}: damaged: {reason}; copy or save the file again", file.display())]
     Damaged { file: PathBuf, place: String, reason: String },
-    #[error("{}, {place}: {what}, which is not read", file.display())]
+    #[error("{}, {place}: {}", file.display(), not_read(what))]
     Unread { file: PathBuf, place: String, what: String },
+}
+
+/// That something is not read, and then what to do where that is known.
+fn not_read(what: &str) -> String {
+    match what.split_once("; ") {
+        Some((what, advice)) => format!("{what}, which is not read; {advice}"),
+        None => format!("{what}, which is not read"),
+    }
 }
 
 /// A group or a dataset.

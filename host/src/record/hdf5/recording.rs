@@ -1,44 +1,51 @@
 //! Recordings in HDF5 files as programs for data acquisition lay them out: one dataset of rows and channels, or one of each channel.
 //!
-//! The sampling rate is an attribute of the dataset, of a group above it, or of the file; a dataset of times is compared with it.
+//! The sampling rate is an attribute of the dataset, of a group above it, or of the file. A dataset of times is compared with it, and says where
+//! rows are missing. Attributes `scale_factor` and `add_offset` are those of the CF conventions.
 
 use std::path::{Path, PathBuf};
 
 use super::data::Numbers;
 use super::{Dataset, Hdf5File, Kind, Object};
 use crate::record::array::{ArrayReader, Layout};
-use crate::record::channels::{Channel, ChannelReader, Form, Stretch};
-use crate::record::clock::{Clock, check_rate, is_rate};
+use crate::record::channels::{Channel, ChannelReader, Form, RateAndUnit, Stretch};
+use crate::record::clock::{Clock, UNIX_S, check_rate, is_rate, unix_ns};
 use crate::record::columns::{Columns, is_time_column};
-use crate::record::error::{At, FilePosition, RecordError, listed};
+use crate::record::error::{FilePosition, RecordError, listed};
 use crate::record::row_reader::RowReader;
+use crate::record::{rate, stamp};
 use crate::study::Setup;
 
-/// Attributes that mean samples a second, in lower case and without what stands between letters.
-const RATES: [&str; 10] = [
-    "samplingratehz",
-    "samplingrate",
-    "samplerate",
-    "sampleratehz",
-    "samplingfrequency",
-    "samplingfrequencyhz",
-    "fs",
-    "fshz",
-    "rate",
-    "ratehz",
-];
-/// Attributes that mean seconds from one sample to the next.
-const STEPS: [&str; 7] = ["dt", "dts", "samplinginterval", "sampleinterval", "wfincrement", "timestep", "delta"];
 /// Times that are fetched at once.
 const TIMES: usize = 4096;
+/// Attributes that say when a recording began: seconds since 1970, or a date and a time of day in UTC.
+const STARTS: [&str; 4] = ["start_time", "start_time_utc", "StartTime", "starttime"];
+/// A dataset that is shorter than the longest is a channel that ended early while it has this part of its rows.
+const LEAST_OF_ROWS: f64 = 0.99;
 
 /// The datasets of a file that make up the setup's recording.
 #[derive(Debug)]
 pub(in crate::record) struct Hdf5Recording {
     path: PathBuf,
     file: Hdf5File,
+    /// Rows of the longest dataset.
     rows: u64,
     parts: Parts,
+    times: Option<Object>,
+    /// Rows that follow each other without a gap.
+    pieces: Vec<Piece>,
+    /// When it began in s since 1970, as an attribute says it.
+    started_s: Option<f64>,
+    /// Series of numbers beside the channels.
+    others: Option<String>,
+}
+
+/// Rows that follow each other: the first and how many, and which row of the recording the first is.
+#[derive(Debug, Clone, Copy)]
+struct Piece {
+    from: u64,
+    count: u64,
+    row: u64,
 }
 
 #[derive(Debug)]
@@ -66,9 +73,12 @@ impl Hdf5Recording {
             .collect();
         let long = |object: &&Object| lengths(object).iter().filter(|length| **length > 1).count();
         let rows = numbers.iter().filter(|object| long(object) == 1).map(|object| count(object)).max().unwrap_or(0);
-        let series = numbers.iter().filter(|object| long(object) == 1 && count(object) == rows).copied();
-        let (times, channels): (Vec<&Object>, Vec<&Object>) =
-            series.partition(|object| is_time_column(last_name(&object.path), &setup.sensors));
+        let is_channel = |object: &&Object| {
+            long(object) == 1 && (count(object) as f64 >= LEAST_OF_ROWS * rows as f64 || own_rate_hz(object).is_some())
+        };
+        let is_time = |object: &&Object| is_time_column(last_name(&object.path), &setup.sensors);
+        let channels: Vec<&Object> =
+            numbers.iter().copied().filter(&is_channel).filter(|object| !is_time(object)).collect();
         let matrices: Vec<&Object> = numbers.iter().filter(|object| long(object) == 2).copied().collect();
         let paths = Columns::Paths(channels.iter().map(|object| object.path.clone()).collect());
         let are_named = setup.sensors.iter().all(|sensor| {
@@ -104,7 +114,25 @@ impl Hdf5Recording {
             }
             _ => (rows, Parts::Channels(channels.iter().map(|object| ((*object).clone(), rate(object))).collect())),
         };
-        let recording = Self { path: path.to_owned(), file, rows, parts };
+        // Of channels with rates of their own those count that are read.
+        let rows = match &parts {
+            Parts::Channels(objects) if !setup.sensors.is_empty() => {
+                let wanted = paths.find_all(&setup.sensors, path)?;
+                wanted.iter().filter_map(|&at| objects.get(at)).map(|(object, _)| count(object)).max().unwrap_or(rows)
+            }
+            _ => rows,
+        };
+        let times = times_of(&numbers, rows, setup).cloned();
+        let pieces = vec![Piece { from: 0, count: rows, row: 0 }];
+        let started_s = objects.iter().find_map(start_s);
+        let others: Vec<&Object> = numbers
+            .iter()
+            .copied()
+            .filter(|object| long(object) == 1 && !is_channel(object) && !is_time(object))
+            .collect();
+        let others = (matches!(parts, Parts::Channels(_)) && !others.is_empty())
+            .then(|| format!("{}, much shorter than the longest channel and without a rate", named(&others)));
+        let mut recording = Self { path: path.to_owned(), file, rows, parts, times, pieces, started_s, others };
         if let (Parts::Matrix { rate_hz: Some(measured_hz), object, .. }, false) =
             (&recording.parts, setup.sensors.is_empty())
         {
@@ -115,26 +143,43 @@ impl Hdf5Recording {
             }
         }
         // Without sensors the file is looked into, not read.
-        if let Some(times) = times.first().filter(|times| count(times) == rows && !setup.sensors.is_empty()) {
-            recording.check_times(times, setup.sampling_rate_hz)?;
+        if !setup.sensors.is_empty() {
+            recording.follow_times(setup.sampling_rate_hz)?;
         }
         Ok(recording)
     }
 
     /// Its channels' rates and units, as attributes give them.
-    pub(in crate::record) fn said(&self) -> Vec<(Option<f64>, Option<String>)> {
+    pub(in crate::record) fn said(&self) -> Result<Vec<RateAndUnit>, RecordError> {
         const UNITS: [&str; 4] = ["units", "unit", "Unit", "Units"];
+        let of_times_hz = self.rate_of_times_hz()?;
         let said = |object: &Object, rate_hz: Option<f64>| {
-            (rate_hz, UNITS.iter().find_map(|name| object.text(name)).map(str::to_owned))
+            (rate_hz.or(of_times_hz), UNITS.iter().find_map(|name| object.text(name)).map(str::to_owned))
         };
-        match &self.parts {
+        Ok(match &self.parts {
             Parts::Matrix { object, columns, rate_hz, .. } => vec![said(object, *rate_hz); *columns],
             Parts::Channels(channels) => channels.iter().map(|(object, rate_hz)| said(object, *rate_hz)).collect(),
-        }
+        })
     }
 
+    /// What stands beside its channels, in words.
+    pub(in crate::record) fn others(&self) -> Option<&str> {
+        self.others.as_deref()
+    }
+
+    /// When its first row was, in nanoseconds since 1970, where its times or an attribute say it.
+    pub(in crate::record) fn start_ns(&self) -> Result<Option<i64>, RecordError> {
+        let first_s = match &self.times {
+            Some(times) => self.times_s(times, 0, 1)?.first().copied(),
+            None => None,
+        };
+        let start_s = first_s.filter(|first_s| UNIX_S.contains(first_s)).or(self.started_s);
+        Ok(start_s.map(unix_ns))
+    }
+
+    /// The recording's rows, those included that are missing by its times.
     pub(in crate::record) fn rows(&self) -> u64 {
-        self.rows
+        self.pieces.last().map_or(0, |last| last.row + last.count)
     }
 
     pub(in crate::record) fn columns(&self) -> Columns {
@@ -149,45 +194,103 @@ impl Hdf5Recording {
     /// What reads its rows; datasets in chunks are put together first.
     pub(in crate::record) fn reader(self, setup: &Setup) -> Result<Box<dyn RowReader>, RecordError> {
         let columns = self.columns();
-        match self.parts {
+        let wanted = columns.find_all(&setup.sensors, &self.path)?;
+        let Self { path, file, rows, parts, pieces, .. } = self;
+        let (mut sources, mut channels) = (Vec::new(), Vec::new());
+        match parts {
             Parts::Matrix { object, columns, row_by_row, .. } => {
-                let Numbers { source, offset, sample, big_endian } = self.file.numbers(&object)?;
-                let layout = Layout { offset, sample, big_endian, rows: self.rows, columns, row_by_row };
-                Ok(Box::new(ArrayReader::new(self.path, source, layout)))
+                let Numbers { source, offset, sample, big_endian } = file.numbers(&object)?;
+                let scale = scale_of(&object);
+                if pieces.len() == 1 && scale == UNSCALED {
+                    let layout = Layout { offset, sample, big_endian, rows, columns, row_by_row };
+                    return Ok(Box::new(ArrayReader::new(path, source, layout)));
+                }
+                let bytes = sample.bytes() as u64;
+                for column in 0..columns {
+                    let at = column as u64 * bytes;
+                    let stretch = |piece: &Piece| {
+                        if row_by_row {
+                            let stride = columns as u64 * bytes;
+                            let record = offset + piece.from * stride;
+                            piece.stretch(0, record + at, Form::Plain { sample, big_endian, stride, record })
+                        } else {
+                            let first = offset + rows * at + piece.from * bytes;
+                            piece.stretch(0, first, Form::packed(sample, big_endian, first))
+                        }
+                    };
+                    let is_wanted = wanted.contains(&column);
+                    let stretches = pieces.iter().filter(|_| is_wanted).map(stretch).collect();
+                    let name = (column + 1).to_string();
+                    channels.push(Channel { name, rate_hz: None, scale, stretches, unit: None });
+                }
+                sources.push((path, source));
+                Ok(Box::new(ChannelReader::new(sources, channels, false, setup)?))
             }
             Parts::Channels(objects) => {
-                let wanted = columns.find_all(&setup.sensors, &self.path)?;
-                let (mut sources, mut channels) = (Vec::new(), Vec::new());
                 for (index, (object, rate_hz)) in objects.into_iter().enumerate() {
                     let mut stretches = Vec::new();
                     if wanted.contains(&index) {
-                        let Numbers { source, offset, sample, big_endian } = self.file.numbers(&object)?;
-                        let form = Form::packed(sample, big_endian, offset);
-                        stretches.push(Stretch { row: 0, count: self.rows, source: sources.len(), offset, form });
-                        sources.push((self.path.clone(), source));
+                        let Numbers { source, offset, sample, big_endian } = file.numbers(&object)?;
+                        let stretch = |piece: &Piece| {
+                            let first = offset + piece.from * sample.bytes() as u64;
+                            piece.stretch(sources.len(), first, Form::packed(sample, big_endian, first))
+                        };
+                        stretches.extend(
+                            pieces.iter().filter_map(|piece| piece.up_to(count(&object))).map(|piece| stretch(&piece)),
+                        );
+                        sources.push((path.clone(), source));
                     }
-                    channels.push(Channel { name: object.path, rate_hz, scale: [1.0, 0.0], stretches, unit: None });
+                    let scale = scale_of(&object);
+                    channels.push(Channel { name: object.path, rate_hz, scale, stretches, unit: None });
                 }
                 Ok(Box::new(ChannelReader::new(sources, channels, true, setup)?))
             }
         }
     }
 
-    /// Refuses times that leave rows out, or that are of another rate.
-    fn check_times(&self, times: &Object, sampling_rate_hz: f64) -> Result<(), RecordError> {
-        let numbers = self.file.numbers(times)?;
-        let (mut source, bytes) = (numbers.source, numbers.sample.bytes());
-        let name = last_name(&times.path);
+    /// Times of rows from `row` on, in s.
+    fn times_s(&self, times: &Object, row: u64, count: usize) -> Result<Vec<f64>, RecordError> {
+        let Numbers { mut source, offset, sample, big_endian } = self.file.numbers(times)?;
+        let mut raw = vec![0; count * sample.bytes()];
+        source.fetch(offset + row * sample.bytes() as u64, &mut raw).map_err(RecordError::io(&self.path))?;
+        Ok(sample.decode_all(&mut raw, big_endian))
+    }
+
+    /// The rate by its first times.
+    fn rate_of_times_hz(&self) -> Result<Option<f64>, RecordError> {
+        let Some(times) = &self.times else { return Ok(None) };
+        let times_s = self.times_s(times, 0, usize::try_from(count(times)).unwrap_or(usize::MAX).min(TIMES))?;
+        let (name, position) = (last_name(&times.path), FilePosition::row(&self.path, 1));
+        match check_rate(&times_s, 0.0, f64::MIN_POSITIVE, name, &position) {
+            Err(RecordError::RateDiffers { measured_hz, .. }) => Ok(Some(measured_hz)),
+            _ => Ok(None),
+        }
+    }
+
+    /// Finds where rows are missing by its times; refuses those of another rate.
+    fn follow_times(&mut self, sampling_rate_hz: f64) -> Result<(), RecordError> {
+        let Some(times) = &self.times else { return Ok(()) };
+        let Numbers { mut source, offset, sample, big_endian } = self.file.numbers(times)?;
+        let (name, bytes) = (last_name(&times.path), sample.bytes());
         let mut clock = Clock::new(sampling_rate_hz);
+        let mut pieces: Vec<Piece> = Vec::new();
         let mut row = 0;
-        while row < self.rows {
-            let count = usize::try_from(self.rows - row).unwrap_or(usize::MAX).min(TIMES);
+        let timed = count(times).min(self.rows);
+        while row < timed {
+            let count = usize::try_from(timed - row).unwrap_or(usize::MAX).min(TIMES);
             let mut raw = vec![0; count * bytes];
-            source.fetch(numbers.offset + row * bytes as u64, &mut raw).map_err(RecordError::io(&self.path))?;
-            let times_s = numbers.sample.decode_all(&mut raw, numbers.big_endian);
-            let position = |row: u64| FilePosition { file: self.path.clone(), at: At::Row(row + 1) };
+            source.fetch(offset + row * bytes as u64, &mut raw).map_err(RecordError::io(&self.path))?;
+            let times_s = sample.decode_all(&mut raw, big_endian);
+            let position = |row: u64| FilePosition::row(&self.path, row + 1);
             if row == 0 {
-                check_rate(&times_s, 0.0, sampling_rate_hz, name, &position(0))?;
+                // Times in single precision show the rate, and no longer single steps.
+                let is_coarse = bytes < size_of::<f64>();
+                let resolution_s =
+                    if is_coarse { f64::from(f32::EPSILON) * times_s.last().map_or(0.0, |s| s.abs()) } else { 0.0 };
+                check_rate(&times_s, resolution_s, sampling_rate_hz, name, &position(0))?;
+                if is_coarse {
+                    return Ok(());
+                }
             }
             for (at, time_s) in (row..).zip(&times_s) {
                 if !time_s.is_finite() {
@@ -195,19 +298,54 @@ impl Hdf5Recording {
                     return Err(RecordError::TimeNotSeconds { position, column, text });
                 }
                 let missing = clock.advance(*time_s, name, &position(at))?;
-                if missing > 0 {
-                    let reason = format!(
-                        "row {}: {missing} rows are missing before it by the times in `{}`; write rows of NaN there, or make setups of the parts",
-                        at + 1,
-                        times.path
-                    );
-                    return Err(RecordError::Format { file: self.path.clone(), reason });
+                match pieces.last_mut().filter(|_| missing == 0) {
+                    Some(last) => last.count += 1,
+                    None => {
+                        let end = pieces.last().map_or(0, |last| last.row + last.count);
+                        pieces.push(Piece { from: at, count: 1, row: end + missing });
+                    }
                 }
             }
             row += count as u64;
         }
+        if let Some(last) = pieces.last_mut() {
+            // Rows behind the last time follow it.
+            last.count += self.rows - timed;
+            self.pieces = pieces;
+        }
         Ok(())
     }
+}
+
+impl Piece {
+    fn stretch(&self, source: usize, offset: u64, form: Form) -> Stretch {
+        Stretch { row: self.row, count: self.count, source, offset, form }
+    }
+
+    /// Of a dataset with so many numbers.
+    fn up_to(self, numbers: u64) -> Option<Self> {
+        let count = numbers.saturating_sub(self.from).min(self.count);
+        (count > 0).then_some(Self { count, ..self })
+    }
+}
+
+/// Numbers that are the quantity.
+const UNSCALED: [f64; 2] = [1.0, 0.0];
+
+/// What makes the quantity of a dataset's numbers: times this, plus that (CF conventions, section 8.1).
+fn scale_of(object: &Object) -> [f64; 2] {
+    let [one, zero] = UNSCALED;
+    [object.number("scale_factor").unwrap_or(one), object.number("add_offset").unwrap_or(zero)]
+}
+
+/// When a recording began by an attribute, in s since 1970.
+fn start_s(object: &Object) -> Option<f64> {
+    let of_text = |text: &str| {
+        let utc = text.trim().strip_suffix('Z').or_else(|| text.trim().strip_suffix("+00:00"))?;
+        stamp::seconds(utc.as_bytes())
+    };
+    let said = |name: &&str| object.number(name).or_else(|| object.text(name).and_then(of_text));
+    STARTS.iter().find_map(said).filter(|start_s| UNIX_S.contains(start_s))
 }
 
 fn lengths(object: &Object) -> &[u64] {
@@ -236,20 +374,27 @@ fn is_at(path: &str, name: &str) -> bool {
         || path.strip_suffix(name).is_some_and(|before| before.ends_with('/'))
 }
 
+/// The times of so many rows, or of nearly as many; of several those that have as many.
+fn times_of<'a>(numbers: &[&'a Object], rows: u64, setup: &Setup) -> Option<&'a Object> {
+    let apart = |object: &Object| count(object).abs_diff(rows);
+    let is_near = |object: &Object| apart(object) as f64 <= (1.0 - LEAST_OF_ROWS) * rows as f64;
+    let is_time = |object: &Object| is_time_column(last_name(&object.path), &setup.sensors);
+    let is_series = |object: &Object| lengths(object).iter().filter(|length| **length > 1).count() == 1;
+    let times = numbers.iter().copied().filter(|object| is_series(object) && is_time(object) && is_near(object));
+    times.min_by_key(|object| apart(object))
+}
+
+/// The rate that an object states itself.
+fn own_rate_hz(object: &Object) -> Option<f64> {
+    let number = |name: &str| object.number(name).and_then(|number| rate::rate_hz(name, number));
+    object.attributes.iter().find_map(|attribute| number(&attribute.name))
+}
+
 /// The rate that an object states, or a group above it.
 fn rate_hz(object: &Object, objects: &[Object]) -> Option<f64> {
-    let plain = |name: &str| name.chars().filter(|c| c.is_alphanumeric()).collect::<String>().to_lowercase();
-    let of_one = |object: &Object| {
-        object.attributes.iter().find_map(|attribute| {
-            let name = plain(&attribute.name);
-            let number = object.number(&attribute.name).filter(|number| *number > 0.0)?;
-            let is_rate = RATES.contains(&name.as_str());
-            is_rate.then_some(number).or_else(|| STEPS.contains(&name.as_str()).then_some(number.recip()))
-        })
-    };
     let mut path = object.path.as_str();
     loop {
-        if let Some(rate_hz) = objects.iter().find(|other| other.path == path).and_then(of_one) {
+        if let Some(rate_hz) = objects.iter().find(|other| other.path == path).and_then(own_rate_hz) {
             return Some(rate_hz);
         }
         if path.is_empty() {

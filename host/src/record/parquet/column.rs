@@ -85,6 +85,16 @@ impl Numbers {
     }
 }
 
+/// Whether a column holds dates and times of day.
+pub(super) fn is_timestamp(descriptor: &ColumnDescriptor) -> bool {
+    matches!(Numbers::of(descriptor), Some(Numbers::Timestamp(_)))
+}
+
+/// Whether these are of no known zone; writers before the format's version 2.4 wrote UTC.
+pub(super) fn is_local(descriptor: &ColumnDescriptor) -> bool {
+    matches!(descriptor.logical_type_ref(), Some(LogicalType::Timestamp(timestamp)) if !timestamp.is_adjusted_to_u_t_c)
+}
+
 /// Working space that all columns share.
 #[derive(Debug, Default)]
 pub(super) struct Scratch {

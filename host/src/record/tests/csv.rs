@@ -229,3 +229,79 @@ fn names_stand_behind_what_the_measurement_was_and_before_units() {
         expect_error(&setup(&["a", "b"], &["a.csv"]), &[("a.csv", text.as_bytes())], &[&place, "is not a number"]);
     }
 }
+
+/// `#N/A` is what spreadsheets write where there is no value; a line that begins with it is no comment.
+#[test]
+fn rows_that_begin_with_a_spreadsheets_word_are_kept() {
+    let text = b"# logger 7\n#N/A,2 is no row yet\na,b\n1,2\n#N/A,3\n# a note\n#NV,4\n5,#N/A\n";
+    let wanted = setup(&["a", "b"], &["a.csv"]);
+    let rows = rows_of(&wanted, "a.csv", text);
+    assert_eq!(rows.iter().map(|row| row[1]).collect::<Vec<_>>()[..3], [2.0, 3.0, 4.0]);
+    assert!(rows.len() == 4 && rows[1][0].is_nan() && rows[2][0].is_nan() && rows[3][1].is_nan(), "{rows:?}");
+    // Empty cells around it are cells, between tabulators too.
+    let text = b"a\tb\tc\n1\t2\t3\n#N/A\t1\t\n\t#NV\t1\n";
+    assert_eq!(rows_of(&setup(&["b", "c"], &["a.csv"]), "a.csv", text).len(), 3);
+    assert_eq!(rows_of(&setup(&["1"], &["a.txt"]), "a.txt", b"% x y\n#N/A Y\n1 2\n#N/A 3\n# a note\n").len(), 2);
+    for (name, channel, text) in [("a.csv", "a", &b"a,b\n1,2\n#DIV/0!,3\n"[..]), ("a.txt", "1", b"1 2\n#DIV/0! 3\n")] {
+        let folder = folder(&[(name, text)]);
+        let error = read(&setup(&[channel], &[name]), folder.path()).unwrap_err().to_string();
+        assert!(error.contains("`#DIV/0!` is not a number") && error.contains("line"), "{error}");
+    }
+}
+
+/// As DIAdem writes tables on a computer with German settings: in Latin-1, with commas for points.
+#[test]
+fn commas_are_decimal_points_where_semicolons_separate() {
+    let text = b"Zeit;Turm x;Turm y\ns;m/s\xb2;m/s\xb2\n0,00;1,5;-2,5e-3\n0,02;;3\n0,04;1;#NV\n";
+    let wanted = setup(&["Turm y", "Turm x"], &["a.csv"]);
+    let rows = rows_of(&wanted, "a.csv", text);
+    assert_eq!((rows.len(), rows[0].as_slice(), rows[1][0]), (3, &[-2.5e-3, 1.5][..], 3.0));
+    assert!(rows[1][1].is_nan() && rows[2][0].is_nan());
+    let late = Setup { sampling_rate_hz: 100.0, ..wanted };
+    let folder = folder(&[("a.csv", text)]);
+    let error = read(&late, folder.path()).unwrap_err().to_string();
+    assert!(error.contains("50.0000 Hz by the time column `Zeit`"), "{error}");
+}
+
+#[test]
+fn an_hour_is_told_as_what_a_clock_that_is_moved_for_summer_does() {
+    let told = |times: [&str; 5]| {
+        let mut text = String::from("\"TOA5\",\"m\"\n\"TIMESTAMP\",\"a\"\n\"TS\",\"g\"\n\"\",\"Smp\"\n");
+        times.iter().for_each(|time| text += &format!("\"2024-{time}\",1\n"));
+        let folder = folder(&[("a.dat", text.as_bytes())]);
+        match read(&Setup { sampling_rate_hz: 1.0, ..setup(&["a"], &["a.dat"]) }, folder.path()) {
+            Ok((_, report)) => report.warnings[0].to_string(),
+            Err(error) => error.to_string(),
+        }
+    };
+    let back = told(["10-27 02:59:56", "10-27 02:59:57", "10-27 02:59:58", "10-27 02:59:59", "10-27 02:00:00"]);
+    assert!(back.contains("from 2024-10-27 02:59:59.000 to 2024-10-27 02:00:00.000"), "{back}");
+    assert!(back.contains("set back from summer time"), "{back}");
+    let forward = told(["03-31 01:59:56", "03-31 01:59:57", "03-31 01:59:58", "03-31 01:59:59", "03-31 03:00:00"]);
+    assert!(forward.contains("3600") && forward.contains("put forward for summer"), "{forward}");
+    let other = told(["03-31 01:59:56", "03-31 01:59:57", "03-31 01:59:58", "03-31 01:59:59", "03-31 02:59:00"]);
+    assert!(other.contains("gap in time") && !other.contains("summer"), "{other}");
+}
+
+#[test]
+fn a_first_line_of_numbers_is_a_row_unless_it_can_only_be_names() {
+    for (text, channel, expected) in [
+        (&b"0.5,1.5\n2.5,3.5\n"[..], "2", &[1.5, 3.5][..]),
+        (b"7,8\n9,10\n", "2", &[8.0, 10.0]),
+        (b"0.5;1,5\n2.5;3,5\n", "2", &[1.5, 3.5]),
+        (b"0.5\n\n1.5\n", "1", &[0.5, 1.5]),
+        (b"0.5\t1.5\n\t2.5\n", "2", &[1.5, 2.5]),
+        // Channels that are called by numbers.
+        (b"1,2\n5,6\n", "2", &[6.0]),
+        (b"07,08\n0.5,1.5\n", "08", &[1.5]),
+        // As pandas counts columns without names.
+        (b"0,1\n0.5,1.5\n", "1", &[1.5]),
+        (b"0\n0.001\n-0.002\n", "1", &[0.0, 0.001, -0.002]),
+        (b"0,1024\n0.02,1031\n", "2", &[1024.0, 1031.0]),
+        (b"1\n2\n3\n", "1", &[1.0, 2.0, 3.0]),
+    ] {
+        let rows = rows_of(&setup(&[channel], &["a.csv"]), "a.csv", text);
+        let found: Vec<f64> = rows.into_iter().flatten().collect();
+        assert_eq!(found, expected, "{}", String::from_utf8_lossy(text));
+    }
+}

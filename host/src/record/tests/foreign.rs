@@ -218,3 +218,59 @@ fn damaged_files_end_in_rows_or_in_an_error() {
         }
     }
 }
+
+#[test]
+fn a_vector_of_each_channel_is_a_recording_of_matlab() {
+    for file in ["scipy_vectors.mat", "matlab73_vectors.mat"] {
+        assert_eq!(rows(&["top_x", "top_y"], &[file]), same(), "{file}");
+        let turned: Vec<Vec<f64>> = same().iter().map(|row| vec![row[1]]).collect();
+        assert_eq!(rows(&["top_y"], &[file]), turned, "{file}");
+        let mut one = setup(&["1"], &[file]);
+        one.variable = Some("top_y".to_owned());
+        assert_eq!(read(&one, foreign()).unwrap().0, turned, "{file}");
+        for variable in [None, Some("top_x".to_owned())] {
+            let channel = if variable.is_some() { "1" } else { "top_x" };
+            let other = Setup { sampling_rate_hz: 51.0, variable, ..setup(&[channel], &[file]) };
+            let error = read(&other, foreign()).unwrap_err().to_string();
+            assert!(error.contains(file) && error.contains("channel `fs`: sampled at 50.0000 Hz"), "{error}");
+        }
+        let error = read(&setup(&["top_z"], &[file]), foreign()).unwrap_err().to_string();
+        assert!(error.contains("no channel `top_z`") && error.contains("`top_x`, `top_y`"), "{error}");
+    }
+}
+
+#[test]
+fn rows_that_are_missing_by_times_in_hdf5_are_samples_that_are_missing() {
+    let wanted = setup(&["top-y", "short", "top-x"], &["h5py_gap.h5"]);
+    let (rows, report) = read(&wanted, foreign()).unwrap();
+    assert_eq!((rows.len(), report.rows), (300, 300));
+    for (at, (row, expected)) in rows.iter().zip(same()).enumerate() {
+        if (100..150).contains(&at) {
+            assert!(row.iter().all(|value| value.is_nan()), "row {at}");
+            continue;
+        }
+        assert_eq!([row[0], row[2]], [expected[1], expected[0]], "row {at}");
+        // One channel ends a sample before the others.
+        assert!(if at == 299 { row[1].is_nan() } else { row[1] == expected[0] }, "row {at}");
+    }
+    let told: Vec<String> = report.warnings.iter().map(ToString::to_string).collect();
+    assert!(told[0].contains("gap of 50 samples (1.000 s) at") && told[0].contains("h5py_gap.h5, row 101"), "{told:?}");
+    let recording = Recording::open(&wanted, foreign()).unwrap();
+    assert_eq!(recording.start_ns().unwrap(), Some(1_772_366_400_250_000_000));
+    // As many rows are counted as one that is shorter has; `read` compares the two.
+    assert_eq!(read(&setup(&["short"], &["h5py_gap.h5"]), foreign()).unwrap().0.len(), 299);
+    // What is much shorter is no channel.
+    let error = read(&setup(&["weights"], &["h5py_gap.h5"]), foreign()).unwrap_err().to_string();
+    assert!(error.contains("no channel `weights`"), "{error}");
+}
+
+#[test]
+fn numbers_of_hdf5_are_scaled_as_its_attributes_say() {
+    let (rows, _) = read(&setup(&["2", "1"], &["h5py_scaled.h5"]), foreign()).unwrap();
+    for (row, expected) in rows.iter().zip(same()) {
+        assert_eq!(row, &[expected[1], expected[0]]);
+    }
+    assert_eq!(rows.len(), 300);
+    let recording = Recording::open(&setup(&["1"], &["h5py_scaled.h5"]), foreign()).unwrap();
+    assert_eq!(recording.start_ns().unwrap(), Some(1_772_366_400_250_000_000));
+}

@@ -231,6 +231,32 @@ fn a_page_header_that_announces_a_list_without_end_is_refused_at_once() {
     assert!(error.contains("a.parquet") && error.contains("announces more"), "{error}");
 }
 
+/// As pandas writes an index of dates: under a name of its own, and without a zone unless it has one.
+#[test]
+fn dates_are_the_times_whatever_their_name_and_of_no_zone_until_it_is_said() {
+    // 2026-03-01 12:00:00 in ms.
+    let times = (0..4).map(|row| Some(1_772_366_400_000 + 20 * row)).collect();
+    let cells = [Cells::Double(vec![Some(1.0); 4]), Cells::Long(times)];
+    for (utc, ahead_h, expected) in
+        [(true, None, Some(0)), (false, None, None), (false, Some(1.0), Some(-3600)), (true, Some(1.0), Some(0))]
+    {
+        let schema = format!("required double a; required int64 __index_level_0__ (TIMESTAMP(MILLIS,{utc}));");
+        let folder = folder(&[("a.parquet", &parquet(&schema, Compression::UNCOMPRESSED, &[cells.to_vec()]))]);
+        let wanted = Setup { utc_offset_h: ahead_h, ..setup(&["a"], &["a.parquet"]) };
+        let recording = Recording::open(&wanted, folder.path()).unwrap();
+        let start_s = expected.map(|shift| (1_772_366_400 + shift) * 1_000_000_000);
+        assert_eq!(recording.start_ns().unwrap(), start_s, "{utc} {ahead_h:?}");
+        let late = Setup { sampling_rate_hz: 100.0, ..wanted };
+        let error = read(&late, folder.path()).unwrap_err().to_string();
+        assert!(error.contains("50.0000 Hz by the time column `__index_level_0__`"), "{error}");
+    }
+    let schema = "required int64 seen (TIMESTAMP(MILLIS,true)); required int64 t (TIMESTAMP(MILLIS,true));";
+    let stamps = Cells::Long(vec![Some(1_772_366_400_000)]);
+    let folder = folder(&[("a.parquet", &parquet(schema, Compression::UNCOMPRESSED, &[vec![stamps.clone(), stamps]]))]);
+    let error = read(&setup(&["seen"], &["a.parquet"]), folder.path()).unwrap_err().to_string();
+    assert!(error.contains("channel `seen`") && error.contains("holds dates and times of day"), "{error}");
+}
+
 /// What pyarrow writes; `host/tests-data/README.md` says how.
 #[test]
 fn files_of_another_writer_are_read() {
