@@ -8,7 +8,7 @@ use super::found::Found;
 use super::problem::Problem;
 use super::search::{CLEAR, Searched, sort};
 
-/// Kinds without which everything is searched again, at most.
+/// How often everything is searched again.
 const MOST: usize = 2;
 
 impl Problem {
@@ -21,12 +21,15 @@ impl Problem {
         let mut options = options.clone();
         let mut searched = self.search_among(present, &options);
         let mut uncounted: Vec<Found> = Vec::new();
-        while uncounted.len() < MOST
-            && searched.found.first().is_some_and(|first| !first.helps && first.log_bayes_factor > CLEAR)
-        {
-            let first = searched.found.remove(0);
-            options.without.push(first.kind.name().to_owned());
-            uncounted.push(first);
+        for _ in 0..MOST {
+            let is_uncounted = |found: &&Found| !found.helps && found.log_bayes_factor > CLEAR;
+            let leading = searched.found.iter().take_while(is_uncounted).count();
+            if leading == 0 {
+                break;
+            }
+            // What one of them cannot be counted for is so of the others: at a foot, a support, a slide and soil have one optimum.
+            options.without.extend(searched.found.iter().take(leading).map(|found| found.kind.name().to_owned()));
+            uncounted.extend(searched.found.drain(..leading));
             let other = self.search_among(present, &options);
             searched = self.beside_the_better(present, searched, other, &mut uncounted);
         }

@@ -2,7 +2,7 @@
 //! complex mode each (55), as SDRC's universal file format describes them, columns included.
 //!
 //! A channel is a direction at a node. Channels that are named so (`12x`) keep their node; the places of others become nodes 1, 2 and so on
-//! in the study's order ([`crate::modes::nodes`]), with a component along an axis of the node's own coordinate system for each sensor there.
+//! in the study's order (`modes::nodes`), with a component along an axis of the node's own coordinate system for each sensor there.
 
 use std::collections::BTreeSet;
 
