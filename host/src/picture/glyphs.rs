@@ -104,6 +104,8 @@ fn of(letter: char) -> (u8, &'static str) {
 
 #[cfg(test)]
 mod tests {
+    use plotters::style::BLACK;
+
     use super::*;
 
     /// Every letter but the blank is drawn, within its columns and the rows of the grid, and no two look alike but 0 and O, and I and l.
@@ -128,7 +130,7 @@ mod tests {
     #[test]
     fn a_text_is_as_wide_as_it_says_and_a_long_one_is_cut() {
         let mut canvas = Pixels::blank([200, 40]);
-        write(&mut canvas, "Mode 12: 0.3 Hz", [10.0, 30.0], 2.0, RGBColor(0, 0, 0));
+        write(&mut canvas, "Mode 12: 0.3 Hz", [10.0, 30.0], 2.0, BLACK);
         let inked = |(index, pixel): (usize, &[u8; 3])| (pixel != &[255; 3]).then_some(index % 200);
         let columns: Vec<usize> = canvas.rgb.iter().enumerate().filter_map(inked).collect();
         let (first, last) = (columns.iter().min().unwrap(), columns.iter().max().unwrap());

@@ -5,12 +5,11 @@
 
 use std::collections::HashMap;
 
-use plotters::style::RGBColor;
+use plotters::style::{RGBColor, WHITE};
 
 use super::canvas::{FRAME, INK, MEASURED, REJECTED};
 use super::raster::Pixels;
 
-const WHITE: RGBColor = RGBColor(255, 255, 255);
 /// Blends from one colour to another, both of them among so many.
 const BLENDS: [(RGBColor, RGBColor, u32); 5] =
     [(WHITE, INK, 40), (WHITE, MEASURED, 60), (WHITE, REJECTED, 30), (WHITE, FRAME, 8), (FRAME, MEASURED, 24)];

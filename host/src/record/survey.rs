@@ -613,7 +613,7 @@ mod tests {
         let one = &look(&["h5py_gap.h5"])[0];
         assert_eq!((names(one), one.rate_hz), (vec!["short", "top-x", "top-y"], Some(50.0)));
         assert_eq!(one.start_utc.as_deref(), Some("2026-03-01T12:00:00.250Z"));
-        assert_eq!(one.left_out, ["`weights` (10), much shorter than the longest with 250 numbers"]);
+        assert_eq!(one.left_out, ["`weights` (10), much shorter than the longest channel and without a rate"]);
         let one = &look(&["scipy_vectors.mat"])[0];
         assert_eq!((names(one), one.rate_hz, one.rows), (vec!["top_x", "top_y"], Some(50.0), Some(300)));
     }
