@@ -18,6 +18,8 @@ const COMPRESSED: u32 = 15;
 const COMPLEX_FLAG: u32 = 0x0800;
 /// Bytes of a variable's flags, dimensions or name; more is damage.
 const LONGEST_HEADER_PART: u32 = 1 << 16;
+/// MATLAB's own names have 63 bytes at most.
+const LONGEST_NAME: usize = 255;
 
 /// What a variable is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -73,9 +75,12 @@ impl Variable {
         }
     }
 
-    /// Its dimensions as people write them: `3 × 2`.
+    /// Its dimensions as people write them: `3 × 2`; of very many the first.
     pub fn dimensions_text(&self) -> String {
-        self.dimensions.iter().map(u64::to_string).collect::<Vec<_>>().join(" × ")
+        const MOST: usize = 8;
+        let first: Vec<String> = self.dimensions.iter().take(MOST).map(u64::to_string).collect();
+        let more = if self.dimensions.len() > MOST { " × …" } else { "" };
+        format!("{}{more}", first.join(" × "))
     }
 }
 
@@ -419,7 +424,11 @@ impl Content {
             u64::try_from(length).map_err(|_| invalid(format!("a dimension of {length}")))
         };
         let dimensions: Vec<u64> = dimensions.iter().map(length).collect::<io::Result<_>>()?;
-        let name = String::from_utf8_lossy(&self.header_part()?).escape_debug().to_string();
+        let name = self.header_part()?;
+        if name.len() > LONGEST_NAME {
+            return Err(invalid(format!("a variable's name of {} bytes", name.len())));
+        }
+        let name = String::from_utf8_lossy(&name).escape_debug().to_string();
         Ok(Some(Header { name, class, dimensions, complex: flags & COMPLEX_FLAG != 0 }))
     }
 
