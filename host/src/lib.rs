@@ -30,6 +30,7 @@ mod hash;
 pub mod heartbeats;
 pub mod identify;
 pub mod jetstream;
+mod joints;
 pub mod keys;
 pub mod link;
 pub mod measure;

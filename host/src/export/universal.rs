@@ -9,9 +9,9 @@ use std::collections::BTreeSet;
 use num_complex::Complex64;
 
 use super::modes::{Mode, Modes};
+use crate::joints::structural_lines;
 use crate::modes::node_and_direction;
 use crate::modes::nodes::{FIRST_TURNED, GLOBAL, NodeAxis, Turned, numbered, position_m};
-use crate::picture::structural_lines;
 use crate::study::Sensor;
 
 pub(super) const MARK: &str = "    -1\n";

@@ -3,6 +3,8 @@
 //! Whoever writes such a file and whoever reads it back number alike, by places in the sensors' order. Sensors at one place that are at
 //! right angles are one node; a coordinate system says where its axes point, so that no azimuth is lost.
 
+use nalgebra::Vector3;
+
 use crate::study::{Direction, Sensor};
 
 /// The global Cartesian coordinate system.
@@ -146,11 +148,11 @@ fn upwards_beside(along: [f64; 3]) -> [f64; 3] {
 }
 
 fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
-    a.iter().zip(b).map(|(a, b)| a * b).sum()
+    Vector3::from(a).dot(&Vector3::from(b))
 }
 
 fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+    Vector3::from(a).cross(&Vector3::from(b)).into()
 }
 
 #[cfg(test)]

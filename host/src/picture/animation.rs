@@ -10,12 +10,12 @@ use num_complex::Complex64;
 use super::canvas::{INK, REJECTED, fixed};
 use super::gif::GifFrames;
 use super::glyphs::{fitting, write};
-use super::joints::{stands, step, structural_lines};
 use super::png::PngFrames;
 use super::raster::Pixels;
 use super::scene::{Heights, Moving, Scene};
 use super::space::{Camera, Marked, length, marks};
 use super::tower;
+use crate::joints::{stands, step, structural_lines};
 use crate::model::{Wireframe, longest_side_m};
 use crate::study::Sensor;
 

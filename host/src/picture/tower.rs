@@ -9,9 +9,9 @@ use std::f64::consts::PI;
 use nalgebra::{Matrix3, Vector3};
 use num_complex::Complex64;
 
-use super::joints::{ring, step};
 use super::scene::{Heights, Moving, Scene};
 use super::space::{Camera, Marked, dot, length};
+use crate::joints::{ring, step};
 use crate::study::Sensor;
 
 /// Least drawn radius of a section over the height: 7 m on 600 m would not be seen.

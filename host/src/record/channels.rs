@@ -48,6 +48,9 @@ pub(super) struct Stretch {
 /// A channel's rate in Hz and its unit, as its file says them.
 pub(super) type RateAndUnit = (Option<f64>, Option<String>);
 
+/// Numbers that are the quantity itself.
+pub(super) const UNSCALED: [f64; 2] = [1.0, 0.0];
+
 /// One channel of a file or of several.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Channel {

@@ -168,18 +168,27 @@ pub(super) fn check_rate(
 }
 
 /// The rate that disagrees with `sampling_rate_hz` by more than 0.1 %, of a file's first times; `None` where they agree
-/// or say nothing.
+/// or say nothing. What rounding to `resolution_s` can still do to the mean is allowed for.
+fn disagreeing_rate_hz(times_s: &[f64], resolution_s: f64, sampling_rate_hz: f64) -> Option<f64> {
+    let (measured_hz, sum_s) = regular_rate(times_s)?;
+    let allowed = RATE_TOLERANCE + resolution_s / sum_s;
+    // A rate that is no number (a step of the smallest doubles) disagrees too.
+    if (measured_hz / sampling_rate_hz - 1.0).abs() <= allowed { None } else { Some(measured_hz) }
+}
+
+/// The rate that a file's first times say; `None` where they say nothing.
+pub(super) fn rate_of_times_hz(times_s: &[f64]) -> Option<f64> {
+    regular_rate(times_s).map(|(rate_hz, _)| rate_hz)
+}
+
+/// The rate by the regular steps of some times, and how many seconds these make up.
 ///
 /// The median step separates gaps from regular steps; the mean of the regular ones is then free of the rounding of the
-/// single times (128 Hz written with three decimals steps by 0.007 and 0.008 s). What rounding to `resolution_s` can
-/// still do to the mean is allowed for.
-fn disagreeing_rate_hz(times_s: &[f64], resolution_s: f64, sampling_rate_hz: f64) -> Option<f64> {
+/// single times (128 Hz written with three decimals steps by 0.007 and 0.008 s).
+fn regular_rate(times_s: &[f64]) -> Option<(f64, f64)> {
     let mut steps_s: Vec<f64> = times_s.windows(2).map(|pair| pair[1] - pair[0]).filter(|step| *step > 0.0).collect();
     let median_s = median(&mut steps_s)?;
     let regular = steps_s.iter().filter(|step| **step < 1.5 * median_s);
     let (count, sum_s) = regular.fold((0_u32, 0.0), |(count, sum_s), step_s| (count + 1, sum_s + step_s));
-    let measured_hz = f64::from(count) / sum_s;
-    let allowed = RATE_TOLERANCE + resolution_s / sum_s;
-    // A rate that is no number (a step of the smallest doubles) disagrees too.
-    if (measured_hz / sampling_rate_hz - 1.0).abs() <= allowed { None } else { Some(measured_hz) }
+    Some((f64::from(count) / sum_s, sum_s))
 }

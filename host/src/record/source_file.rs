@@ -42,10 +42,24 @@ enum Format {
 pub(super) struct Said {
     pub(super) channels: Vec<RateAndUnit>,
     pub(super) start_ns: Option<i64>,
+    /// The same by a logger's own clock, where nobody says how far that is ahead of UTC.
+    pub(super) local_ns: Option<i64>,
     /// What of its numbers is no channel, in words.
     pub(super) others: Option<String>,
     /// The column of times, where its name need not tell.
     pub(super) time: Option<String>,
+}
+
+impl Said {
+    /// Of a file whose times are those of the logger's own clock, s.
+    fn by_own_clock(first_s: Option<f64>, setup: &Setup) -> Self {
+        match setup.utc_offset_h {
+            Some(ahead_h) => {
+                Self { start_ns: first_s.map(|first_s| unix_ns(first_s - 3600.0 * ahead_h)), ..Self::default() }
+            }
+            None => Self { local_ns: first_s.map(unix_ns), ..Self::default() },
+        }
+    }
 }
 
 /// One of a setup's files, its format known by its ending; or several, where each has a channel or a part of one.
@@ -113,7 +127,7 @@ impl SourceFile {
                     channels: recording.said()?,
                     start_ns: recording.start_ns()?,
                     others: recording.others().map(str::to_owned),
-                    time: None,
+                    ..Said::default()
                 }
             }
             Format::Wav => of_channels(wav::open(&self.path, setup)?),
@@ -128,12 +142,7 @@ impl SourceFile {
             Format::Toa5 => {
                 let reader = TextReader::open_toa5(&self.path, &setup.sensors)?;
                 let (channels, first_s) = (of_units(reader.units()), reader.first_time_s()?);
-                let ahead_s = setup.utc_offset_h.map(|ahead_h| 3600.0 * ahead_h);
-                Said {
-                    channels,
-                    start_ns: first_s.zip(ahead_s).map(|(first_s, ahead_s)| unix_ns(first_s - ahead_s)),
-                    ..Said::default()
-                }
+                Said { channels, ..Said::by_own_clock(first_s, setup) }
             }
             Format::Csv => {
                 let reader = TextReader::open_csv(&self.path, &setup.sensors)?;
@@ -146,15 +155,14 @@ impl SourceFile {
             }
             Format::Parquet => {
                 let reader = ParquetReader::open(&self.path, &setup.sensors)?;
-                // Times without a zone are those of the logger's clock, as in TOA5.
-                let ahead_s = if reader.has_local_times() { setup.utc_offset_h.map(|h| 3600.0 * h) } else { Some(0.0) };
-                let time = reader.time_name().map(str::to_owned);
+                let (time, is_local) = (reader.time_name().map(str::to_owned), reader.has_local_times());
                 let first_s = reader.first_time_s()?.filter(|first_s| UNIX_S.contains(first_s));
-                Said {
-                    start_ns: first_s.zip(ahead_s).map(|(first_s, ahead_s)| unix_ns(first_s - ahead_s)),
-                    time,
-                    ..Said::default()
-                }
+                let said = if is_local {
+                    Said::by_own_clock(first_s, setup)
+                } else {
+                    Said { start_ns: first_s.map(unix_ns), ..Said::default() }
+                };
+                Said { time, ..said }
             }
             Format::Mat => {
                 let recording = MatRecording::open(&self.path, setup)?;

@@ -174,20 +174,22 @@ impl Surveyed {
     /// Takes the files that follow: a channel must be one in all of them.
     fn append(&mut self, next: Self) {
         self.channels.retain(|channel| next.channels.iter().any(|other| other.name == channel.name));
-        for what in next.left_out {
-            if !self.left_out.contains(&what) {
-                self.left_out.push(what);
-            }
-        }
-        self.files.extend(next.files);
+        self.take_files(next.files, next.left_out);
         let rows = self.rows.zip(next.rows).map(|(rows, more)| rows + more);
-        for (logger, next) in self.loggers.iter_mut().zip(next.loggers) {
-            logger.span_ns = logger.span_ns.zip(next.span_ns).map(|([start, _], [_, end])| [start, end]);
-        }
+        self.loggers.iter_mut().zip(&next.loggers).for_each(|(logger, next)| logger.follow(next));
         // Where files say when they were, what is missing between them counts.
         let spans = self.loggers.iter().filter_map(|logger| logger.span_ns);
         let spanned = spans.map(|[start, end]| ((end - start) as f64 * 1e-9 * self.rate_hz.unwrap_or(0.0)).round());
         self.rows = rows.map(|rows| spanned.fold(rows, |rows, spanned| rows.max(spanned as u64)));
+    }
+
+    fn take_files(&mut self, files: Vec<PathBuf>, left_out: Vec<String>) {
+        self.files.extend(files);
+        for what in left_out {
+            if !self.left_out.contains(&what) {
+                self.left_out.push(what);
+            }
+        }
     }
 
     /// Whether another logger's files stand beside these, or follow one of these loggers'.
@@ -213,21 +215,14 @@ impl Surveyed {
     fn take(&mut self, other: Self) {
         for theirs in other.loggers {
             match self.loggers.iter_mut().find(|logger| logger.columns == theirs.columns) {
-                Some(logger) => {
-                    logger.span_ns = logger.span_ns.zip(theirs.span_ns).map(|([start, _], [_, end])| [start, end]);
-                }
+                Some(logger) => logger.follow(&theirs),
                 None => {
                     self.channels.extend(other.channels.iter().cloned());
                     self.loggers.push(theirs);
                 }
             }
         }
-        for what in other.left_out {
-            if !self.left_out.contains(&what) {
-                self.left_out.push(what);
-            }
-        }
-        self.files.extend(other.files);
+        self.take_files(other.files, other.left_out);
         self.is_tie |= other.is_tie;
         // Only reading them beside each other shows how many rows they make.
         self.rows = None;
@@ -238,6 +233,11 @@ impl Surveyed {
 }
 
 impl Logger {
+    /// Goes on with another run of its files.
+    fn follow(&mut self, next: &Self) {
+        self.span_ns = self.span_ns.zip(next.span_ns).map(|([start, _], [_, end])| [start, end]);
+    }
+
     /// Whether another run begins where this one ends or later; a clock that runs apart from the rate may say a bit earlier.
     fn is_followed_by(&self, next: &Self) -> bool {
         self.span_ns.zip(next.span_ns).is_some_and(|([from, end], [start, _])| start >= end - (end - from) / 100)
@@ -303,10 +303,7 @@ fn survey_one(file: &SourceFile) -> Result<Surveyed, RecordError> {
     } else {
         file.said(&counted).ok().and_then(|said| said.start_ns).filter(is_known)
     };
-    // Times of a logger's own clock are those that are known once an offset is given.
-    let by_own_clock =
-        || file.said(&Setup { utc_offset_h: Some(0.0), ..counted.clone() }).ok()?.start_ns.filter(is_known);
-    let local_ns = if start_ns.is_none() { by_own_clock() } else { None };
+    let local_ns = said.local_ns.filter(is_known);
     let end_ns = |start_ns: i64| Some(start_ns.saturating_add((rows? as f64 / rate_hz? * 1e9) as i64));
     let span_ns = start_ns.or(local_ns).and_then(|start_ns| Some([start_ns, end_ns(start_ns)?]));
     let logger = Logger { columns, span_ns, is_local: local_ns.is_some() };
@@ -413,15 +410,19 @@ fn rounded(rate_hz: f64) -> f64 {
 
 /// The rate of most; of two that as many have, the higher.
 fn most_common(rates_hz: impl Iterator<Item = f64> + Clone) -> Option<f64> {
-    let count = |one_hz: f64| rates_hz.clone().filter(|other_hz| is_same(*other_hz, one_hz)).count();
+    let count = |rate_hz: f64| count_at(rates_hz.clone(), rate_hz);
     rates_hz.clone().max_by(|a, b| count(*a).cmp(&count(*b)).then(a.total_cmp(b)))
 }
 
 /// Whether another rate has as many channels.
 fn has_tie(rates_hz: impl Iterator<Item = f64> + Clone, kept_hz: f64) -> bool {
-    let count = |one_hz: f64| rates_hz.clone().filter(|other_hz| is_same(*other_hz, one_hz)).count();
+    let count = |rate_hz: f64| count_at(rates_hz.clone(), rate_hz);
     let kept = count(kept_hz);
     rates_hz.clone().any(|rate_hz| !is_same(rate_hz, kept_hz) && count(rate_hz) == kept)
+}
+
+fn count_at(rates_hz: impl Iterator<Item = f64>, rate_hz: f64) -> usize {
+    rates_hz.filter(|other_hz| is_same(*other_hz, rate_hz)).count()
 }
 
 fn is_same(one_hz: f64, other_hz: f64) -> bool {

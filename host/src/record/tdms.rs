@@ -11,7 +11,7 @@ use std::io::{Read, Seek, SeekFrom};
 use std::path::Path;
 
 use super::array::{Sample, Source};
-use super::channels::{Channel, ChannelReader, Form, Stretch, wrong_form};
+use super::channels::{Channel, ChannelReader, Form, Stretch, UNSCALED, wrong_form};
 use super::columns::Columns;
 use super::error::RecordError;
 use super::files::open_file;
@@ -76,7 +76,7 @@ pub(super) fn open(path: &Path, setup: &Setup) -> Result<ChannelReader, RecordEr
             Err(reason) if wanted.contains(&index) => {
                 return wrong_form(path, format!("channel `{name}`: {reason}"));
             }
-            Err(_) => [1.0, 0.0],
+            Err(_) => UNSCALED,
         };
         let step_s = object.properties.get("wf_increment").and_then(Property::number).filter(|step_s| *step_s > 0.0);
         // Without sensors the file is looked into, not read.
@@ -314,9 +314,9 @@ impl Object {
         let number = |name: &str| self.properties.get(name).and_then(Property::number);
         let is_scaled = text("NI_Scaling_Status").is_some_and(|status| status == "scaled");
         let count = number("NI_Number_Of_Scales").filter(|count| *count >= 1.0 && !is_scaled);
-        let Some(count) = count else { return Ok([1.0, 0.0]) };
+        let Some(count) = count else { return Ok(UNSCALED) };
         const RAW: f64 = u32::MAX as f64;
-        let (mut scale, mut at) = ([1.0, 0.0], count - 1.0);
+        let (mut scale, mut at) = (UNSCALED, count - 1.0);
         // Each scale takes what another gives, down to the raw numbers.
         for _ in 0..count.min(64.0) as usize {
             let of = |name: &str| format!("NI_Scale[{at}]_{name}");

@@ -7,7 +7,7 @@ use std::collections::HashMap;
 use std::path::PathBuf;
 
 use super::array::Source;
-use super::channels::{Channel, ChannelReader, Form, Stretch, path_of};
+use super::channels::{Channel, ChannelReader, Form, Stretch, UNSCALED, path_of};
 use super::clock::MOST_FILLED_ROWS;
 use super::columns::Columns;
 use super::error::RecordError;
@@ -87,7 +87,7 @@ impl Traces {
             .map(|(name, unit)| Channel {
                 name: name.clone(),
                 rate_hz: None,
-                scale: [1.0, 0.0],
+                scale: UNSCALED,
                 stretches: Vec::new(),
                 unit: unit.clone(),
             })

@@ -8,8 +8,8 @@ use std::path::{Path, PathBuf};
 use super::data::Numbers;
 use super::{Dataset, Hdf5File, Kind, Object};
 use crate::record::array::{ArrayReader, Layout};
-use crate::record::channels::{Channel, ChannelReader, Form, RateAndUnit, Stretch};
-use crate::record::clock::{Clock, UNIX_S, check_rate, is_rate, unix_ns};
+use crate::record::channels::{Channel, ChannelReader, Form, RateAndUnit, Stretch, UNSCALED};
+use crate::record::clock::{Clock, UNIX_S, check_rate, is_rate, rate_of_times_hz, unix_ns};
 use crate::record::columns::{Columns, is_time_column};
 use crate::record::error::{FilePosition, RecordError, listed};
 use crate::record::row_reader::RowReader;
@@ -71,15 +71,14 @@ impl Hdf5Recording {
             .filter(|object| object.dataset.as_ref().is_some_and(|dataset| matches!(dataset.kind, Kind::Number { .. })))
             .filter(is_named)
             .collect();
-        let long = |object: &&Object| lengths(object).iter().filter(|length| **length > 1).count();
-        let rows = numbers.iter().filter(|object| long(object) == 1).map(|object| count(object)).max().unwrap_or(0);
-        let is_channel = |object: &&Object| {
-            long(object) == 1 && (count(object) as f64 >= LEAST_OF_ROWS * rows as f64 || own_rate_hz(object).is_some())
-        };
+        let series = || numbers.iter().copied().filter(|object| long_dimensions(object) == 1);
+        let rows = series().map(count).max().unwrap_or(0);
+        let is_channel =
+            |object: &&Object| count(object) as f64 >= LEAST_OF_ROWS * rows as f64 || own_rate_hz(object).is_some();
         let is_time = |object: &&Object| is_time_column(last_name(&object.path), &setup.sensors);
-        let channels: Vec<&Object> =
-            numbers.iter().copied().filter(&is_channel).filter(|object| !is_time(object)).collect();
-        let matrices: Vec<&Object> = numbers.iter().filter(|object| long(object) == 2).copied().collect();
+        let (channels, others): (Vec<&Object>, Vec<&Object>) =
+            series().filter(|object| !is_time(object)).partition(is_channel);
+        let matrices: Vec<&Object> = numbers.iter().copied().filter(|object| long_dimensions(object) == 2).collect();
         let paths = Columns::Paths(channels.iter().map(|object| object.path.clone()).collect());
         let are_named = setup.sensors.iter().all(|sensor| {
             // A number alone is a column of a matrix, where there is one.
@@ -122,14 +121,9 @@ impl Hdf5Recording {
             }
             _ => rows,
         };
-        let times = times_of(&numbers, rows, setup).cloned();
+        let times = times_among(series().filter(is_time), rows).cloned();
         let pieces = vec![Piece { from: 0, count: rows, row: 0 }];
         let started_s = objects.iter().find_map(start_s);
-        let others: Vec<&Object> = numbers
-            .iter()
-            .copied()
-            .filter(|object| long(object) == 1 && !is_channel(object) && !is_time(object))
-            .collect();
         let others = (matches!(parts, Parts::Channels(_)) && !others.is_empty())
             .then(|| format!("{}, much shorter than the longest channel and without a rate", named(&others)));
         let mut recording = Self { path: path.to_owned(), file, rows, parts, times, pieces, started_s, others };
@@ -260,11 +254,7 @@ impl Hdf5Recording {
     fn rate_of_times_hz(&self) -> Result<Option<f64>, RecordError> {
         let Some(times) = &self.times else { return Ok(None) };
         let times_s = self.times_s(times, 0, usize::try_from(count(times)).unwrap_or(usize::MAX).min(TIMES))?;
-        let (name, position) = (last_name(&times.path), FilePosition::row(&self.path, 1));
-        match check_rate(&times_s, 0.0, f64::MIN_POSITIVE, name, &position) {
-            Err(RecordError::RateDiffers { measured_hz, .. }) => Ok(Some(measured_hz)),
-            _ => Ok(None),
-        }
+        Ok(rate_of_times_hz(&times_s))
     }
 
     /// Finds where rows are missing by its times; refuses those of another rate.
@@ -329,9 +319,6 @@ impl Piece {
     }
 }
 
-/// Numbers that are the quantity.
-const UNSCALED: [f64; 2] = [1.0, 0.0];
-
 /// What makes the quantity of a dataset's numbers: times this, plus that (CF conventions, section 8.1).
 fn scale_of(object: &Object) -> [f64; 2] {
     let [one, zero] = UNSCALED;
@@ -350,6 +337,11 @@ fn start_s(object: &Object) -> Option<f64> {
 
 fn lengths(object: &Object) -> &[u64] {
     object.dataset.as_ref().map_or(&[], |dataset| &dataset.lengths)
+}
+
+/// Dimensions in which it has more than one number.
+fn long_dimensions(object: &Object) -> usize {
+    lengths(object).iter().filter(|length| **length > 1).count()
 }
 
 fn count(object: &Object) -> u64 {
@@ -375,13 +367,10 @@ fn is_at(path: &str, name: &str) -> bool {
 }
 
 /// The times of so many rows, or of nearly as many; of several those that have as many.
-fn times_of<'a>(numbers: &[&'a Object], rows: u64, setup: &Setup) -> Option<&'a Object> {
+fn times_among<'a>(times: impl Iterator<Item = &'a Object>, rows: u64) -> Option<&'a Object> {
     let apart = |object: &Object| count(object).abs_diff(rows);
-    let is_near = |object: &Object| apart(object) as f64 <= (1.0 - LEAST_OF_ROWS) * rows as f64;
-    let is_time = |object: &Object| is_time_column(last_name(&object.path), &setup.sensors);
-    let is_series = |object: &Object| lengths(object).iter().filter(|length| **length > 1).count() == 1;
-    let times = numbers.iter().copied().filter(|object| is_series(object) && is_time(object) && is_near(object));
-    times.min_by_key(|object| apart(object))
+    let is_near = |object: &&Object| apart(object) as f64 <= (1.0 - LEAST_OF_ROWS) * rows as f64;
+    times.filter(is_near).min_by_key(|object| apart(object))
 }
 
 /// The rate that an object states itself.

@@ -8,8 +8,8 @@ use std::path::{Path, PathBuf};
 use super::element::{Class, MatFile, Numbers, Variable};
 use super::{find, list, real_dimensions};
 use crate::record::array::{ArrayReader, Layout, Source};
-use crate::record::channels::{Channel, ChannelReader, Form, Stretch};
-use crate::record::clock::{check_rate, is_rate};
+use crate::record::channels::{Channel, ChannelReader, Form, Stretch, UNSCALED};
+use crate::record::clock::{check_rate, is_rate, rate_of_times_hz};
 use crate::record::columns::{Columns, is_time_column};
 use crate::record::error::{FilePosition, MatError, RecordError};
 use crate::record::rate::rate_hz;
@@ -61,24 +61,22 @@ impl MatRecording {
             .into_iter()
             .filter(|variable| longer_than_one(variable) > 0)
             .partition(|one| longer_than_one(one) == 2);
-        let (times, mut vectors): (Vec<Variable>, Vec<Variable>) =
+        let (times, vectors): (Vec<Variable>, Vec<Variable>) =
             vectors.into_iter().partition(|vector| is_time_column(&vector.name, &setup.sensors));
         let rows = vectors.iter().map(length).max().unwrap_or(0);
-        let (longest, shorter): (Vec<Variable>, Vec<Variable>) =
+        let (mut vectors, mut left): (Vec<Variable>, Vec<Variable>) =
             vectors.into_iter().partition(|vector| length(vector) == rows);
-        vectors = longest;
-        let mut left = shorter;
         let is_named = |channel: &str| vectors.iter().any(|vector| vector.name == channel.trim());
         let are_named = !setup.sensors.is_empty() && setup.sensors.iter().all(|sensor| is_named(&sensor.channel));
         // A matrix that is no longer than vectors beside it is a calibration or the like, unless sensors count its columns.
-        let are_longer = setup.sensors.is_empty() && matrices.iter().all(|matrix| length(matrix) < rows);
+        let are_longer =
+            matrices.is_empty() || (setup.sensors.is_empty() && matrices.iter().all(|matrix| length(matrix) < rows));
         let (rows, parts) = match (named, matrices.len()) {
             (Some(named), _) => parts_of(named)?,
             (None, _) if are_named || (are_longer && vectors.len() > 1) => {
                 left.append(&mut matrices);
                 (rows, Parts::Vectors(vectors))
             }
-            (None, 0) if vectors.len() > 1 => (rows, Parts::Vectors(vectors)),
             (None, 0 | 1) => match matrices.pop().or_else(|| vectors.pop()) {
                 Some(only) => parts_of(only)?,
                 None => return Err(MatError::NoMatrix { file: path.to_owned(), available }.into()),
@@ -127,12 +125,10 @@ impl MatRecording {
         let times_s = sample.decode_all(&mut raw, big_endian);
         let resolution_s = if sample.bytes() == 8 { 0.0 } else { times_s.last().map_or(0.0, |last| 1e-6 * last.abs()) };
         let position = FilePosition::row(&self.path, 1);
-        let asked_hz = if setup.sensors.is_empty() { f64::MIN_POSITIVE } else { setup.sampling_rate_hz };
-        match check_rate(&times_s, resolution_s, asked_hz, &times.name, &position) {
-            Err(RecordError::RateDiffers { measured_hz, .. }) if setup.sensors.is_empty() => {
-                self.rate_hz = self.rate_hz.or(Some(measured_hz));
-            }
-            other => other?,
+        if setup.sensors.is_empty() {
+            self.rate_hz = self.rate_hz.or_else(|| rate_of_times_hz(&times_s));
+        } else {
+            check_rate(&times_s, resolution_s, setup.sampling_rate_hz, &times.name, &position)?;
         }
         Ok(self)
     }
@@ -193,7 +189,7 @@ impl MatRecording {
                         stretches.push(Stretch { row: 0, count: self.rows, source, offset, form });
                         sources.push((self.path.clone(), self.source(numbers)?));
                     }
-                    let (name, scale) = (vector.name.clone(), [1.0, 0.0]);
+                    let (name, scale) = (vector.name.clone(), UNSCALED);
                     channels.push(Channel { name, rate_hz: None, scale, stretches, unit: None });
                 }
                 Ok(Box::new(ChannelReader::new(sources, channels, true, setup)?))

@@ -33,7 +33,7 @@ pub(crate) fn structural_lines(places_m: &[[f64; 3]]) -> Vec<[usize; 2]> {
 }
 
 /// Whether a structure is at least as high as it is wide.
-pub(super) fn stands(places_m: &[[f64; 3]]) -> bool {
+pub(crate) fn stands(places_m: &[[f64; 3]]) -> bool {
     let side = |axis: usize| {
         let values = || places_m.iter().map(|place| place[axis]);
         values().fold(f64::NEG_INFINITY, f64::max) - values().fold(f64::INFINITY, f64::min)
@@ -50,7 +50,7 @@ fn join(part: &mut [usize], [a, b]: [usize; 2]) -> bool {
 }
 
 /// A length in steps in which places are the same.
-pub(super) fn step(length_m: f64) -> i64 {
+pub(crate) fn step(length_m: f64) -> i64 {
     (length_m / SAME_M).round() as i64
 }
 
@@ -86,7 +86,7 @@ fn outlines(places_m: &[[f64; 3]]) -> Vec<[usize; 2]> {
 }
 
 /// Points in plan in the order around their middle.
-pub(super) fn ring(points: &[[f64; 2]]) -> Vec<usize> {
+pub(crate) fn ring(points: &[[f64; 2]]) -> Vec<usize> {
     let count = points.len().max(1) as f64;
     let middle = [0, 1].map(|axis| points.iter().map(|point| point[axis]).sum::<f64>() / count);
     let angle = |index: usize| (points[index][1] - middle[1]).atan2(points[index][0] - middle[0]).rem_euclid(2.0 * PI);
