@@ -116,12 +116,17 @@ impl Clock {
                 limit: MOST_FILLED_ROWS,
             });
         }
+        self.note_gap(position, rows);
+        Ok(rows)
+    }
+
+    /// Notes that rows are missing before one.
+    pub(super) fn note_gap(&mut self, position: &FilePosition, rows: u64) {
         self.missing_rows += rows;
         self.gap_count += 1;
         if self.gaps.len() < GAPS_KEPT {
             self.gaps.push(TimeGap { position: position.clone(), rows });
         }
-        Ok(rows)
     }
 
     /// Notices a rate that changes within a file: every full stretch of regular steps must keep the setup's rate.

@@ -18,6 +18,9 @@ use crate::study::Setup;
 const MOST_APART_ROWS: f64 = 0.5;
 /// An offset below this part of a row moves a phase by less than 0.4 degrees at a tenth of the sampling rate.
 const LEAST_OFFSET_ROWS: f64 = 0.01;
+/// Between files, a start in a head counts from so many seconds on: many recorders write whole seconds, and their clocks wander by some hundredths
+/// an hour.
+const LEAST_BETWEEN_FILES_S: f64 = 1.0;
 /// Loggers whose channels an error lists.
 const MOST_LISTED: usize = 2;
 
@@ -27,12 +30,16 @@ pub(super) struct Lane {
     /// Those of the recording's setup that have its channels.
     setup: Setup,
     pub(super) files: Vec<SourceFile>,
+    /// Seconds missing before each of them by the starts in their heads; below zero where one begins before the one that it follows has ended.
+    gaps_s: Vec<f64>,
     pub(super) selection: Selection,
     /// Where its channels stand among the recording's.
     places: Vec<usize>,
     pub(super) clock: Clock,
     next_file: usize,
     reader: Option<Box<dyn RowReader>>,
+    /// Of the rows that are missing before the file that is open, those to come.
+    filling: u64,
     /// Rows of the recording before its first.
     lead: u64,
     /// By how much of a row its first is later than the recording's row that it becomes.
@@ -142,18 +149,21 @@ impl Lane {
             return Err(RecordError::NoFiles { setup: setup.name });
         };
         let selection = Selection::new(&setup, &columns, &first.path)?;
+        let gaps_s = between_files_s(&setup, &files)?;
         let clock = Clock::new(setup.sampling_rate_hz);
         let (lead, offset_rows, rows) = (0, 0.0, Vec::new());
-        let (next_file, reader, used, count) = (0, None, 0, 0);
+        let (next_file, reader, filling, used, count) = (0, None, 0, 0, 0);
         let late_rows = Vec::new();
         Ok(Self {
             setup,
             files,
+            gaps_s,
             selection,
             places,
             clock,
             next_file,
             reader,
+            filling,
             lead,
             offset_rows,
             late_rows,
@@ -177,11 +187,22 @@ impl Lane {
         self.files.first().map_or(Ok(None), |first| start_of(first, &self.setup))
     }
 
+    /// Rows of each file, those that are missing before it included.
+    pub(super) fn rows_of_files(&self) -> impl Iterator<Item = Result<u64, RecordError>> {
+        let mut clock = Clock::new(self.setup.sampling_rate_hz);
+        let files = self.files.iter().enumerate();
+        files.map(move |(at, file)| Ok(self.missing_before(at) + file.count_rows(&self.setup, &mut clock)?))
+    }
+
+    /// Rows missing before a file, by the start in its head.
+    fn missing_before(&self, file: usize) -> u64 {
+        let gap_s = self.gaps_s.get(file).copied().unwrap_or(0.0);
+        (gap_s.max(0.0) * self.setup.sampling_rate_hz).round() as u64
+    }
+
     /// Rows up to its end, those before its first included.
     pub(super) fn count_rows(&self) -> Result<u64, RecordError> {
-        let mut clock = Clock::new(self.setup.sampling_rate_hz);
-        let rows = self.files.iter().map(|file| file.count_rows(&self.setup, &mut clock));
-        Ok(self.lead + rows.sum::<Result<u64, _>>()?)
+        Ok(self.lead + self.rows_of_files().sum::<Result<u64, _>>()?)
     }
 
     /// Appends the next rows, `most` at most and of one file, to `values`; how many, and whether they begin a file; 0 at the end.
@@ -195,13 +216,23 @@ impl Lane {
                     let late = |column: &usize| reader.late_rows().get(*column).copied().unwrap_or(0.0);
                     self.late_rows = self.selection.columns.iter().map(late).collect();
                 }
+                self.filling = self.missing_before(self.next_file);
+                self.clock.start_file();
+                if self.filling > 0 {
+                    self.clock.note_gap(&FilePosition::row(&file.path, 1), self.filling);
+                }
                 self.reader = Some(reader);
                 self.next_file += 1;
-                self.clock.start_file();
                 is_begin = true;
                 continue;
             };
             let mut into = Rows { selection: &self.selection, clock: &mut self.clock, values };
+            if self.filling > 0 {
+                let count = usize::try_from(self.filling).unwrap_or(usize::MAX).min(most);
+                (0..count).for_each(|_| into.push_missing());
+                self.filling -= count as u64;
+                return Ok((count, is_begin));
+            }
             let count = reader.read(most, &mut into)?;
             if count > 0 {
                 return Ok((count, is_begin));
@@ -271,6 +302,38 @@ impl Lane {
     }
 }
 
+/// Seconds missing before each file where the starts in their heads say it, below zero where one begins too early; files that all say the same start,
+/// which is the measurement's then, follow each other.
+fn between_files_s(setup: &Setup, files: &[SourceFile]) -> Result<Vec<f64>, RecordError> {
+    let mut gaps_s = vec![0.0; files.len()];
+    if setup.block_s.is_some() {
+        // Such blocks follow each other whenever they were recorded.
+        return Ok(gaps_s);
+    }
+    let mut before: Option<[i64; 2]> = None;
+    for (file, between_s) in files.iter().zip(&mut gaps_s) {
+        let Some(start_ns) = file.start_by_head_ns(setup)? else {
+            before = None;
+            continue;
+        };
+        if let Some([_, end_ns]) = before.filter(|[other_ns, _]| *other_ns != start_ns) {
+            let gap_s = start_ns.saturating_sub(end_ns) as f64 * 1e-9;
+            if gap_s.abs() >= LEAST_BETWEEN_FILES_S {
+                *between_s = gap_s;
+            }
+            if gap_s * setup.sampling_rate_hz > MOST_FILLED_ROWS as f64 {
+                let (position, limit) = (FilePosition::row(&file.path, 1), MOST_FILLED_ROWS);
+                let [previous_s, time_s] = [end_ns, start_ns].map(|ns| ns as f64 * 1e-9);
+                return Err(RecordError::GapTooLong { position, previous_s, time_s, limit });
+            }
+        }
+        let rows = file.count_rows(setup, &mut Clock::new(setup.sampling_rate_hz))?;
+        let length_ns = (rows as f64 / setup.sampling_rate_hz * 1e9) as i64;
+        before = Some([start_ns, start_ns.saturating_add(length_ns)]);
+    }
+    Ok(gaps_s)
+}
+
 /// Appends the next rows of all lanes, `most` at most, to `values` of `width` channels; how many, and of each lane the row of its last read that the
 /// first of them is. 0 at the end of all.
 pub(super) fn read_beside(
@@ -309,6 +372,10 @@ pub(super) fn warnings(lanes: &[Lane], sampling_rate_hz: f64) -> Vec<RecordWarni
         })
         .collect();
     for lane in lanes {
+        let mut early = lane.files.iter().zip(&lane.gaps_s).filter(|(_, gap_s)| **gap_s < 0.0);
+        if let Some((file, gap_s)) = early.next() {
+            warnings.push(RecordWarning::Early { file: file.path.clone(), early_s: -gap_s, more: early.count() });
+        }
         // To a hundredth of a millisecond: channels of one logger are late alike.
         let late = |rows: f64| (1e5 * rows / sampling_rate_hz).round() as i64;
         let told = lane.late_rows.iter().map(|rows| Some(late(*rows)).filter(|_| rows.abs() >= LEAST_OFFSET_ROWS));

@@ -142,10 +142,9 @@ impl Recording {
             let ends = self.lanes.iter().map(Lane::count_rows).collect::<Result<Vec<_>, _>>()?;
             return Ok(ends.into_iter().max().unwrap_or(0));
         };
-        let mut clock = Clock::new(self.setup.sampling_rate_hz);
         let mut is_first = true;
-        let rows = lane.files.iter().map(|file| {
-            let rows = file.count_rows(&self.setup, &mut clock)?;
+        let rows = lane.rows_of_files().map(|rows| {
+            let rows = rows?;
             let within = self.setup.block_rows().map_or(0, |block| rows.saturating_sub(1) / block);
             let before = u64::from(self.setup.block_s.is_some() && rows > 0 && !std::mem::take(&mut is_first));
             let joints = within + before;

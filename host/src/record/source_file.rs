@@ -173,6 +173,14 @@ impl SourceFile {
         })
     }
 
+    /// When its first row was, where only its head says it: its rows do not show then what is missing before it.
+    pub(super) fn start_by_head_ns(&self, setup: &Setup) -> Result<Option<i64>, RecordError> {
+        match self.format {
+            Format::Hdf5 | Format::Tdms => Ok(self.said(setup)?.start_ns.filter(|start_ns| *start_ns > 0)),
+            _ => Ok(None),
+        }
+    }
+
     /// Whether a column may hold something else than numbers, which only reading shows.
     pub(super) fn may_hold_words(&self) -> bool {
         matches!(self.format, Format::WhiteSpace | Format::Csv | Format::Toa5 | Format::Parquet)

@@ -13,7 +13,7 @@ use std::path::Path;
 use super::array::{Sample, Source};
 use super::channels::{Channel, ChannelReader, Form, Stretch, UNSCALED, wrong_form};
 use super::columns::Columns;
-use super::error::RecordError;
+use super::error::{RecordError, listed, quoted};
 use super::files::open_file;
 use crate::study::Setup;
 use metadata::{Fields, Index, Kind, Property, START_TIME, Scaler, read_object};
@@ -74,7 +74,7 @@ pub(super) fn open(path: &Path, setup: &Setup) -> Result<ChannelReader, RecordEr
         let scale = match object.scale() {
             Ok(scale) => scale,
             Err(reason) if wanted.contains(&index) => {
-                return wrong_form(path, format!("channel `{name}`: {reason}"));
+                return wrong_form(path, format!("channel {}: {reason}", listed([name], "`")));
             }
             Err(_) => UNSCALED,
         };
@@ -173,7 +173,7 @@ impl Scan<'_> {
             };
             let Some(object) = self.objects.get_mut(at) else { continue };
             let has_data = read_object(&mut fields, &mut object.index, &mut object.properties)
-                .map_err(|reason| format!("object {path}: {reason}"))?;
+                .map_err(|reason| format!("object {}: {reason}", listed([name_of(&path)], "`")))?;
             self.active.retain(|other| *other != at);
             if has_data {
                 self.active.push(at);
@@ -329,7 +329,7 @@ impl Object {
                         Ok(scale)
                     }
                     Some(Index { kind: Kind::Daqmx { .. }, .. }) => Err("several raw numbers a sample".to_owned()),
-                    _ => Err(format!("its scale {at} is not described")),
+                    _ => Err(format!("its scale {} is not described", quoted(at.to_string().as_bytes()))),
                 };
             };
             let own = match kind {
@@ -340,11 +340,14 @@ impl Object {
                 "AdvancedAPI" => [Some(1.0), Some(0.0)],
                 other => {
                     return Err(format!(
-                        "its numbers are scaled by `{other}`; only straight lines are read: export it scaled"
+                        "its numbers are scaled by `{}`; only straight lines are read: export it scaled",
+                        quoted(other.as_bytes())
                     ));
                 }
             };
-            let [Some(slope), Some(intercept)] = own else { return Err(format!("its scale {at} lacks a number")) };
+            let [Some(slope), Some(intercept)] = own else {
+                return Err(format!("its scale {} lacks a number", quoted(at.to_string().as_bytes())));
+            };
             scale = [scale[0] * slope, scale[0] * intercept + scale[1]];
             at = number(&of(&format!("{kind}_Input_Source"))).unwrap_or(RAW);
             if at == RAW {

@@ -67,6 +67,8 @@ pub enum RecordWarning {
     TimeGap { position: FilePosition, rows: u64, seconds: f64 },
     /// More gaps than are worth listing; the figures are for all of them.
     TimeGaps { count: u64, rows: u64, seconds: f64 },
+    /// By the start in its head, a file begins before the one that it follows has ended; so do others.
+    Early { file: PathBuf, early_s: f64, more: usize },
     /// Blank lines between rows, where no time column says whether rows are missing.
     BlankLines { position: FilePosition, count: u64 },
     /// The same samples of these channels are missing from rows that are there.
@@ -105,6 +107,17 @@ impl fmt::Display for RecordWarning {
                 formatter,
                 "{count} gaps in time altogether: {rows} rows ({seconds:.3} s) are missing in all channels"
             ),
+            Self::Early { file, early_s, more } => {
+                let others = match more {
+                    0 => String::new(),
+                    more => format!(", and {more} more such {}", if *more == 1 { "file" } else { "files" }),
+                };
+                write!(
+                    formatter,
+                    "{}: begins {early_s:.3} s before the file that it follows has ended, by its own start{others}; they are read one after the other, as `files` has them",
+                    file.display()
+                )
+            }
             Self::BlankLines { position, count } => {
                 let what = match count {
                     1 => "a blank line between rows, which is skipped".to_owned(),

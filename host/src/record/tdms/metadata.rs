@@ -3,6 +3,7 @@
 use std::collections::HashMap;
 
 use crate::record::array::{Sample, whole_number};
+use crate::record::error::quoted;
 
 /// No numbers in this segment; numbers as before.
 const NO_DATA: u32 = u32::MAX;
@@ -177,7 +178,7 @@ pub(super) fn read_object(
                 let mut raw = fields.take(sample.bytes()).ok_or(SHORT)?.to_vec();
                 sample.decode_all(&mut raw, false).first().map(|number| Property::Number(*number))
             }
-            _ => return Err(format!("its property `{}` is of type {kind:#x}", name.escape_debug())),
+            _ => return Err(format!("its property `{}` is of type {kind:#x}", quoted(name.as_bytes()))),
         };
         // Those that say how to read it; a file may have thousands of others.
         let is_used = matches!(name.as_str(), "wf_increment" | "unit_string") || name.starts_with("NI_");

@@ -111,3 +111,75 @@ fn clocks_that_run_apart_are_told_and_what_cannot_stand_beside_each_other_is_ref
         assert!(parts.iter().all(|part| error.contains(part)), "{error}");
     }
 }
+
+/// A file with other bytes wherever these stand.
+fn with(file: &[u8], from: &[u8], to: &[u8]) -> Vec<u8> {
+    let mut changed = file.to_vec();
+    let places: Vec<usize> = (0..file.len()).filter(|at| file[*at..].starts_with(from)).collect();
+    assert!(!places.is_empty());
+    places.into_iter().for_each(|at| changed[at..at + to.len()].copy_from_slice(to));
+    changed
+}
+
+#[test]
+fn what_is_missing_between_files_that_say_when_they_begin_is_a_gap() {
+    let tdms = std::fs::read(foreign().join("nptdms.tdms")).unwrap();
+    // Seconds since 1904, as TDMS counts them.
+    let start_s = START_S as i64 + 2_082_844_800;
+    let after = |seconds: i64| with(&tdms, &start_s.to_le_bytes(), &(start_s + seconds).to_le_bytes());
+    let (follows, late, early) = (after(6), after(16), after(5));
+    let h5 = std::fs::read(foreign().join("h5py_scaled.h5")).unwrap();
+    let next = with(&h5, b"12:00:00.25Z", b"12:00:10.25Z");
+    // A recorder that is half a second behind by its clock has lost nothing.
+    let behind = with(&h5, b"12:00:00.25Z", b"12:00:06.75Z");
+    let folder = folder(&[
+        ("a.tdms", &tdms),
+        ("b.tdms", &follows),
+        ("c.tdms", &late),
+        ("d.tdms", &early),
+        ("a.h5", &h5),
+        ("b.h5", &next),
+        ("c.h5", &behind),
+    ]);
+    let of = |channels: &[&str], files: &[&str]| {
+        let setup = setup(channels, files);
+        let (rows, report) = read(&setup, folder.path()).unwrap();
+        let counted = Recording::open(&setup, folder.path()).unwrap().total_rows().unwrap();
+        assert_eq!((counted, report.rows), (rows.len() as u64, rows.len() as u64));
+        let told: Vec<String> = report.warnings.iter().map(ToString::to_string).collect();
+        (rows, report.filled_rows, told)
+    };
+    let same = same();
+    let in_turn = |rows: &[Vec<f64>], missing: usize| {
+        let (before, rest) = rows.split_at(rows.len() - 300 - missing);
+        let (gap, after) = rest.split_at(missing);
+        assert!(before.chunks(300).all(|file| file == same) && after == same);
+        assert!(gap.iter().flatten().all(|value| value.is_nan()));
+    };
+    let (rows, filled, told) = of(&["top-x", "top-y"], &["a.tdms", "b.tdms", "c.tdms"]);
+    assert_eq!((rows.len(), filled), (1100, 200));
+    in_turn(&rows, 200);
+    assert!(told.iter().any(|told| told.contains("c.tdms, row 1: gap in time: 200 rows (4.000 s)")), "{told:?}");
+    let (rows, filled, told) = of(&["top-x", "top-y"], &["c.tdms", "d.tdms", "a.tdms"]);
+    assert_eq!((rows.len(), filled), (900, 0));
+    in_turn(&rows, 0);
+    let is_told = |told: &String| told.contains("d.tdms: begins 17.000 s before") && told.contains("1 more such file;");
+    assert!(told.iter().any(is_told), "{told:?}");
+    let (rows, filled, _) = of(&["1", "2"], &["a.h5", "b.h5"]);
+    assert_eq!((rows.len(), filled), (800, 200));
+    in_turn(&rows, 200);
+    for names in [["a.h5", "a.h5"], ["a.h5", "c.h5"]] {
+        std::fs::copy(folder.path().join(names[1]), folder.path().join("z.h5")).unwrap();
+        let (rows, filled, told) = of(&["1", "2"], &[names[0], "z.h5"]);
+        assert_eq!((rows.len(), filled, told.len()), (600, 0, 0), "{told:?}");
+    }
+    // Blocks of a schedule follow each other.
+    let mut blocks = setup(&["top-x", "top-y"], &["a.tdms", "c.tdms"]);
+    blocks.block_s = Some(6.0);
+    assert_eq!(Recording::open(&blocks, folder.path()).unwrap().total_rows().unwrap(), 604);
+    // Years are a wrong clock.
+    std::fs::write(folder.path().join("y.tdms"), after(500_000_000)).unwrap();
+    let years = setup(&["top-x"], &["a.tdms", "y.tdms"]);
+    let error = Recording::open(&years, folder.path()).unwrap_err().to_string();
+    assert!(error.contains("y.tdms, row 1: time jumps from") && error.contains("correct the times"), "{error}");
+}
