@@ -6,7 +6,7 @@ use super::error::{FilePosition, RecordError};
 use crate::statistics::median;
 
 /// A time column's step (or the rate that a file states) may differ from the sampling rate by this much.
-const RATE_TOLERANCE: f64 = 1e-3;
+pub(super) const RATE_TOLERANCE: f64 = 1e-3;
 /// Times that are seconds since 1970, and not since the recording's start: of the years 2001 to 2100.
 pub(super) const UNIX_S: std::ops::Range<f64> = 1e9..4.1e9;
 /// Seconds since 1970 in nanoseconds, to the microsecond: at these times a float has a quarter of one.
@@ -21,13 +21,15 @@ const STEPS_TO_CHECK: u32 = 4096;
 /// Gaps in time that are kept one by one.
 const GAPS_KEPT: usize = 5;
 
-/// Rows missing from a recording by its time column.
+/// Rows missing from a recording by its time column, or between files by their headers.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct TimeGap {
     /// The row after the gap.
     pub(super) position: FilePosition,
     /// Rows missing, filled with NaN.
     pub(super) rows: u64,
+    /// Whether headers of files say so.
+    pub(super) is_between_files: bool,
 }
 
 /// Follows the time column through a recording.
@@ -116,16 +118,20 @@ impl Clock {
                 limit: MOST_FILLED_ROWS,
             });
         }
-        self.note_gap(position, rows);
+        self.note_gap(TimeGap { position: position.clone(), rows, is_between_files: false });
         Ok(rows)
     }
 
-    /// Notes that rows are missing before one.
-    pub(super) fn note_gap(&mut self, position: &FilePosition, rows: u64) {
-        self.missing_rows += rows;
+    /// Notes rows that are missing between two files by their headers.
+    pub(super) fn note_gap_between_files(&mut self, position: FilePosition, rows: u64) {
+        self.note_gap(TimeGap { position, rows, is_between_files: true });
+    }
+
+    fn note_gap(&mut self, gap: TimeGap) {
+        self.missing_rows += gap.rows;
         self.gap_count += 1;
         if self.gaps.len() < GAPS_KEPT {
-            self.gaps.push(TimeGap { position: position.clone(), rows });
+            self.gaps.push(gap);
         }
     }
 

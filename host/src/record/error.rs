@@ -128,7 +128,7 @@ pub enum RecordError {
     )]
     TimeBackwards { position: FilePosition, previous_s: f64, time_s: f64 },
     #[error(
-        "{position}: time jumps from {} to {}: filling the gap would take the recording beyond {limit} filled rows; make two setups of the parts, or correct the times", clock_time(*previous_s), clock_time(*time_s)
+        "{position}: time jumps from {} to {}: filling the gap would take the recording beyond {limit} filled rows; make two setups of the parts, or correct the times (files recorded now and then on purpose are joined by `block_s`)", clock_time(*previous_s), clock_time(*time_s)
     )]
     GapTooLong { position: FilePosition, previous_s: f64, time_s: f64, limit: u64 },
     #[error(

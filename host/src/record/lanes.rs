@@ -6,7 +6,7 @@
 
 use std::path::PathBuf;
 
-use super::clock::{Clock, MOST_FILLED_ROWS};
+use super::clock::{Clock, MOST_FILLED_ROWS, RATE_TOLERANCE};
 use super::columns::{Columns, Selection};
 use super::error::{At, FilePosition, RecordError};
 use super::row_reader::{RowReader, Rows};
@@ -18,11 +18,22 @@ use crate::study::Setup;
 const MOST_APART_ROWS: f64 = 0.5;
 /// An offset below this part of a row moves a phase by less than 0.4 degrees at a tenth of the sampling rate.
 const LEAST_OFFSET_ROWS: f64 = 0.01;
-/// Between files, a start in a head counts from so many seconds on: many recorders write whole seconds, and their clocks wander by some hundredths
-/// an hour.
-const LEAST_BETWEEN_FILES_S: f64 = 1.0;
+/// Files whose headers leave less between them follow each other, beside what the rate's tolerance makes of their length: many recorders write whole
+/// seconds, so that two starts that are rounded apart differ by one.
+const LEAST_BETWEEN_FILES_S: f64 = 1.5;
 /// Loggers whose channels an error lists.
 const MOST_LISTED: usize = 2;
+
+/// How a file stands to those before it, by the start in its header.
+#[derive(Debug, Clone, Default)]
+struct Joint {
+    /// Rows missing before it.
+    missing: u64,
+    /// By how many seconds it begins before those have ended; 0 where it does not.
+    early_s: f64,
+    /// By how many rows it begins later than the row at which it is put.
+    late_rows: f64,
+}
 
 /// Files that follow each other, and how far they are read.
 #[derive(Debug)]
@@ -30,15 +41,15 @@ pub(super) struct Lane {
     /// Those of the recording's setup that have its channels.
     setup: Setup,
     pub(super) files: Vec<SourceFile>,
-    /// Seconds missing before each of them by the starts in their heads; below zero where one begins before the one that it follows has ended.
-    gaps_s: Vec<f64>,
+    /// How each of them stands to those before it.
+    joints: Vec<Joint>,
     pub(super) selection: Selection,
     /// Where its channels stand among the recording's.
     places: Vec<usize>,
     pub(super) clock: Clock,
     next_file: usize,
     reader: Option<Box<dyn RowReader>>,
-    /// Of the rows that are missing before the file that is open, those to come.
+    /// Missing rows still to be filled in before the open file.
     filling: u64,
     /// Rows of the recording before its first.
     lead: u64,
@@ -149,7 +160,7 @@ impl Lane {
             return Err(RecordError::NoFiles { setup: setup.name });
         };
         let selection = Selection::new(&setup, &columns, &first.path)?;
-        let gaps_s = between_files_s(&setup, &files)?;
+        let joints = joints(&setup, &files)?;
         let clock = Clock::new(setup.sampling_rate_hz);
         let (lead, offset_rows, rows) = (0, 0.0, Vec::new());
         let (next_file, reader, filling, used, count) = (0, None, 0, 0, 0);
@@ -157,7 +168,7 @@ impl Lane {
         Ok(Self {
             setup,
             files,
-            gaps_s,
+            joints,
             selection,
             places,
             clock,
@@ -190,14 +201,8 @@ impl Lane {
     /// Rows of each file, those that are missing before it included.
     pub(super) fn rows_of_files(&self) -> impl Iterator<Item = Result<u64, RecordError>> {
         let mut clock = Clock::new(self.setup.sampling_rate_hz);
-        let files = self.files.iter().enumerate();
-        files.map(move |(at, file)| Ok(self.missing_before(at) + file.count_rows(&self.setup, &mut clock)?))
-    }
-
-    /// Rows missing before a file, by the start in its head.
-    fn missing_before(&self, file: usize) -> u64 {
-        let gap_s = self.gaps_s.get(file).copied().unwrap_or(0.0);
-        (gap_s.max(0.0) * self.setup.sampling_rate_hz).round() as u64
+        let files = self.files.iter().zip(&self.joints);
+        files.map(move |(file, joint)| Ok(joint.missing + file.count_rows(&self.setup, &mut clock)?))
     }
 
     /// Rows up to its end, those before its first included.
@@ -216,10 +221,10 @@ impl Lane {
                     let late = |column: &usize| reader.late_rows().get(*column).copied().unwrap_or(0.0);
                     self.late_rows = self.selection.columns.iter().map(late).collect();
                 }
-                self.filling = self.missing_before(self.next_file);
+                self.filling = self.joints.get(self.next_file).map_or(0, |joint| joint.missing);
                 self.clock.start_file();
                 if self.filling > 0 {
-                    self.clock.note_gap(&FilePosition::row(&file.path, 1), self.filling);
+                    self.clock.note_gap_between_files(FilePosition::row(&file.path, 1), self.filling);
                 }
                 self.reader = Some(reader);
                 self.next_file += 1;
@@ -302,36 +307,49 @@ impl Lane {
     }
 }
 
-/// Seconds missing before each file where the starts in their heads say it, below zero where one begins too early; files that all say the same start,
-/// which is the measurement's then, follow each other.
-fn between_files_s(setup: &Setup, files: &[SourceFile]) -> Result<Vec<f64>, RecordError> {
-    let mut gaps_s = vec![0.0; files.len()];
-    if setup.block_s.is_some() {
-        // Such blocks follow each other whenever they were recorded.
-        return Ok(gaps_s);
+/// How each file stands to those before it, where all say in their headers when they begin; nothing of files that do not.
+///
+/// A file that begins within the leeway of where those before it end follows them, and the next one is held against it. One that begins too early,
+/// or that has the same start as the one before (which is the measurement's then), is put behind them, and they end that much later.
+fn joints(setup: &Setup, files: &[SourceFile]) -> Result<Vec<Joint>, RecordError> {
+    let mut joints = vec![Joint::default(); files.len()];
+    // Such blocks follow each other whenever they were recorded.
+    if setup.block_s.is_some() || files.len() < 2 {
+        return Ok(joints);
     }
-    let mut before: Option<[i64; 2]> = None;
-    for (file, between_s) in files.iter().zip(&mut gaps_s) {
-        let Some(start_ns) = file.start_by_head_ns(setup)? else {
-            before = None;
-            continue;
-        };
-        if let Some([_, end_ns]) = before.filter(|[other_ns, _]| *other_ns != start_ns) {
-            let gap_s = start_ns.saturating_sub(end_ns) as f64 * 1e-9;
-            if gap_s.abs() >= LEAST_BETWEEN_FILES_S {
-                *between_s = gap_s;
+    let starts = files.iter().map(|file| file.start_and_rate(setup)).collect::<Result<Option<Vec<_>>, _>>()?;
+    let Some(starts) = starts else { return Ok(joints) };
+    let first_ns = starts.first().map_or(0, |(start_ns, _)| *start_ns);
+    let (mut rows, mut filled, mut length_s) = (0, 0, 0.0);
+    // Start of the file before and end of all before, in s after the first file's start.
+    let mut before: Option<[f64; 2]> = None;
+    for ((file, joint), (start_ns, rate_hz)) in files.iter().zip(&mut joints).zip(starts) {
+        let start_s = start_ns.saturating_sub(first_ns) as f64 * 1e-9;
+        let mut end_s = start_s;
+        if let Some([other_s, end_of_all_s]) = before {
+            let gap_s = start_s - end_of_all_s;
+            let leeway_s = LEAST_BETWEEN_FILES_S + RATE_TOLERANCE * length_s;
+            if gap_s > leeway_s && start_s != other_s {
+                joint.missing = (gap_s * setup.sampling_rate_hz).round() as u64;
+            } else if gap_s.abs() > leeway_s || start_s == other_s {
+                joint.early_s = if start_s == other_s { 0.0 } else { -gap_s };
+                end_s = end_of_all_s;
             }
-            if gap_s * setup.sampling_rate_hz > MOST_FILLED_ROWS as f64 {
+            filled += joint.missing.min(MOST_FILLED_ROWS + 1);
+            if filled > MOST_FILLED_ROWS {
                 let (position, limit) = (FilePosition::row(&file.path, 1), MOST_FILLED_ROWS);
-                let [previous_s, time_s] = [end_ns, start_ns].map(|ns| ns as f64 * 1e-9);
+                let [previous_s, time_s] = [end_of_all_s, start_s].map(|s| first_ns as f64 * 1e-9 + s);
                 return Err(RecordError::GapTooLong { position, previous_s, time_s, limit });
             }
         }
-        let rows = file.count_rows(setup, &mut Clock::new(setup.sampling_rate_hz))?;
-        let length_ns = (rows as f64 / setup.sampling_rate_hz * 1e9) as i64;
-        before = Some([start_ns, start_ns.saturating_add(length_ns)]);
+        rows += joint.missing;
+        joint.late_rows = start_s * setup.sampling_rate_hz - rows as f64;
+        let count = file.count_rows(setup, &mut Clock::new(setup.sampling_rate_hz))?;
+        rows += count;
+        length_s = count as f64 / rate_hz.unwrap_or(setup.sampling_rate_hz);
+        before = Some([start_s, end_s + length_s]);
     }
-    Ok(gaps_s)
+    Ok(joints)
 }
 
 /// Appends the next rows of all lanes, `most` at most, to `values` of `width` channels; how many, and of each lane the row of its last read that the
@@ -372,9 +390,22 @@ pub(super) fn warnings(lanes: &[Lane], sampling_rate_hz: f64) -> Vec<RecordWarni
         })
         .collect();
     for lane in lanes {
-        let mut early = lane.files.iter().zip(&lane.gaps_s).filter(|(_, gap_s)| **gap_s < 0.0);
-        if let Some((file, gap_s)) = early.next() {
-            warnings.push(RecordWarning::Early { file: file.path.clone(), early_s: -gap_s, more: early.count() });
+        let mut early = lane.files.iter().zip(&lane.joints).filter(|(_, joint)| joint.early_s > 0.0);
+        if let Some((file, joint)) = early.next() {
+            let (file, early_s) = (file.path.clone(), joint.early_s);
+            warnings.push(RecordWarning::Early { file, early_s, more: early.count() });
+        }
+        let worst = lane.files.iter().zip(&lane.joints);
+        let worst = worst.max_by(|(_, a), (_, b)| a.late_rows.abs().total_cmp(&b.late_rows.abs()));
+        // Alone, nothing stands beside it.
+        if let Some((file, joint)) =
+            worst.filter(|(_, joint)| lanes.len() > 1 && joint.late_rows.abs() > MOST_APART_ROWS)
+        {
+            warnings.push(RecordWarning::Shifted {
+                file: file.path.clone(),
+                late_ms: 1e3 * joint.late_rows / sampling_rate_hz,
+                degrees_at_1_hz: 360.0 * joint.late_rows / sampling_rate_hz,
+            });
         }
         // To a hundredth of a millisecond: channels of one logger are late alike.
         let late = |rows: f64| (1e5 * rows / sampling_rate_hz).round() as i64;

@@ -19,7 +19,7 @@ const MOSTLY_MISSING: f64 = 0.5;
 pub struct RecordReport {
     /// Rows read, filled rows included.
     pub rows: u64,
-    /// Rows of NaN filled in where the time column says that rows are missing.
+    /// Rows of NaN filled in where the time column, or the headers of two files, say that rows are missing.
     pub filled_rows: u64,
     /// Each channel, in the order of the setup's sensors.
     pub channels: Vec<ChannelReport>,
@@ -151,10 +151,8 @@ impl Statistics {
         let channels: Vec<ChannelReport> =
             self.channels.into_iter().zip(&selection.channels).map(|(sums, name)| sums.report(name)).collect();
         let mut warnings: Vec<RecordWarning> = beyond;
-        let gaps = clock.gaps.iter().map(|TimeGap { position, rows }| RecordWarning::TimeGap {
-            position: position.clone(),
-            rows: *rows,
-            seconds: seconds(*rows),
+        let gaps = clock.gaps.iter().cloned().map(|TimeGap { position, rows, is_between_files }| {
+            RecordWarning::TimeGap { position, rows, seconds: seconds(rows), is_between_files }
         });
         warnings.extend(gaps);
         if clock.gap_count > clock.gaps.len() as u64 {
@@ -175,12 +173,15 @@ impl Statistics {
             let (samples, first_s, first) = (missing, seconds(first.row), first.position.clone());
             RecordWarning::MissingSamples { channels, samples, seconds: seconds(missing), gap_count, first, first_s }
         }));
-        let mostly_missing = |report: &ChannelReport| report.missing as f64 > MOSTLY_MISSING * rows as f64;
-        let few = alike(&channels, |report| mostly_missing(report).then_some(report.missing));
-        warnings.extend(few.into_iter().map(|(missing, channels)| RecordWarning::MostlyMissing {
-            channels,
-            percent: 100.0 * missing as f64 / rows as f64,
-        }));
+        // Where nobody recorded, no channel is to blame.
+        let recorded = (rows - filled_rows) as f64;
+        let lost = |report: &ChannelReport| report.missing.saturating_sub(filled_rows) as f64;
+        let mostly_missing = |report: &ChannelReport| lost(report) > MOSTLY_MISSING * recorded;
+        let few = alike(&channels, |report| mostly_missing(report).then(|| lost(report)));
+        warnings.extend(
+            few.into_iter()
+                .map(|(lost, channels)| RecordWarning::MostlyMissing { channels, percent: 100.0 * lost / recorded }),
+        );
         let dead =
             alike(&channels, |report| (report.constant && rows > 0 && !mostly_missing(report)).then_some(report.mean));
         warnings.extend(dead.into_iter().map(|(value, channels)| RecordWarning::Constant { channels, value }));

@@ -7,7 +7,7 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use super::channels::{ChannelReader, RateAndUnit};
-use super::clock::{Clock, UNIX_S, unix_ns};
+use super::clock::{Clock, UNIX_S, is_rate, unix_ns};
 use super::columns::Columns;
 use super::error::RecordError;
 use super::hdf5::recording::Hdf5Recording;
@@ -173,12 +173,16 @@ impl SourceFile {
         })
     }
 
-    /// When its first row was, where only its head says it: its rows do not show then what is missing before it.
-    pub(super) fn start_by_head_ns(&self, setup: &Setup) -> Result<Option<i64>, RecordError> {
-        match self.format {
-            Format::Hdf5 | Format::Tdms => Ok(self.said(setup)?.start_ns.filter(|start_ns| *start_ns > 0)),
-            _ => Ok(None),
+    /// When its first row was, in nanoseconds since 1970, and its own rate in Hz; `None` of formats whose times are followed row by row from file to
+    /// file, and of those that say no start.
+    pub(super) fn start_and_rate(&self, setup: &Setup) -> Result<Option<(i64, Option<f64>)>, RecordError> {
+        if !matches!(self.format, Format::Hdf5 | Format::Tdms) {
+            return Ok(None);
         }
+        let said = self.said(setup)?;
+        let mut rates_hz = said.channels.iter().filter_map(|(rate_hz, _)| *rate_hz);
+        let own_hz = rates_hz.find(|rate_hz| is_rate(*rate_hz, setup.sampling_rate_hz));
+        Ok(said.start_ns.filter(|start_ns| *start_ns > 0).map(|start_ns| (start_ns, own_hz)))
     }
 
     /// Whether a column may hold something else than numbers, which only reading shows.

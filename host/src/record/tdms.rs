@@ -16,7 +16,7 @@ use super::columns::Columns;
 use super::error::{RecordError, listed, quoted};
 use super::files::open_file;
 use crate::study::Setup;
-use metadata::{Fields, Index, Kind, Property, START_TIME, Scaler, read_object};
+use metadata::{Fields, Index, Kind, Property, START_OFFSET, START_TIME, Scaler, read_object};
 
 const LEAD_BYTES: u64 = 28;
 const HAS_METADATA: u32 = 1 << 1;
@@ -83,7 +83,7 @@ pub(super) fn open(path: &Path, setup: &Setup) -> Result<ChannelReader, RecordEr
         let is_wanted = wanted.contains(&index) || setup.sensors.is_empty();
         let stretches = if is_wanted { object.stretches.clone() } else { Vec::new() };
         if is_wanted {
-            start_ns = start_ns.or_else(|| object.properties.get(START_TIME)?.moment());
+            start_ns = start_ns.or_else(|| object.start_ns());
         }
         let unit = object.properties.get("unit_string").and_then(Property::text).map(str::to_owned);
         read.push(Channel { name, rate_hz: step_s.map(f64::recip), scale, stretches, unit });
@@ -100,6 +100,14 @@ fn name_of(path: &str) -> String {
     let parts = path.trim_start_matches('/').split("'/'");
     let parts: Vec<String> = parts.map(|part| part.trim_matches('\'').replace("''", "'")).collect();
     parts.join("/").escape_debug().to_string()
+}
+
+/// What a message calls an object.
+fn in_words(path: &str) -> String {
+    match name_of(path).as_str() {
+        "" => "the file itself".to_owned(),
+        name => format!("object {}", listed([name], "`")),
+    }
 }
 
 impl Scan<'_> {
@@ -173,7 +181,7 @@ impl Scan<'_> {
             };
             let Some(object) = self.objects.get_mut(at) else { continue };
             let has_data = read_object(&mut fields, &mut object.index, &mut object.properties)
-                .map_err(|reason| format!("object {}: {reason}", listed([name_of(&path)], "`")))?;
+                .map_err(|reason| format!("{}: {reason}", in_words(&path)))?;
             self.active.retain(|other| *other != at);
             if has_data {
                 self.active.push(at);
@@ -305,6 +313,13 @@ impl Scan<'_> {
 }
 
 impl Object {
+    /// When its first number was, in nanoseconds since 1970.
+    fn start_ns(&self) -> Option<i64> {
+        let offset_s = self.properties.get(START_OFFSET).and_then(Property::number).filter(|s| s.is_finite());
+        let start_ns = self.properties.get(START_TIME)?.moment()?;
+        Some(start_ns.saturating_add((offset_s.unwrap_or(0.0) * 1e9).round() as i64))
+    }
+
     /// Slope and intercept of what makes the channel's quantity of its numbers.
     fn scale(&self) -> Result<[f64; 2], String> {
         if let Some(Index { kind: Kind::Other(what), .. }) = &self.index {
@@ -355,5 +370,27 @@ impl Object {
             }
         }
         Err("scales that lead to each other".to_owned())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_channel_begins_its_offset_after_its_start_time() {
+        let mut object = Object::default();
+        object.properties.insert(START_OFFSET.to_owned(), Property::Number(2.5));
+        assert_eq!(object.start_ns(), None);
+        object.properties.insert(START_TIME.to_owned(), Property::Moment(7_000_000_000));
+        assert_eq!(object.start_ns(), Some(9_500_000_000));
+        object.properties.insert(START_OFFSET.to_owned(), Property::Number(f64::NAN));
+        assert_eq!(object.start_ns(), Some(7_000_000_000));
+    }
+
+    #[test]
+    fn objects_are_named_as_people_write_them() {
+        assert_eq!(in_words("/"), "the file itself");
+        assert_eq!(in_words("/'run 1'/'top-x'"), "object `run 1/top-x`");
     }
 }

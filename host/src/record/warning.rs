@@ -63,12 +63,14 @@ impl fmt::Display for Affected {
 #[derive(Debug, Clone, PartialEq)]
 #[allow(missing_docs)] // the messages say what each field is
 pub enum RecordWarning {
-    /// The time column says that rows are missing.
-    TimeGap { position: FilePosition, rows: u64, seconds: f64 },
+    /// The time column says that rows are missing, or the headers of two files do.
+    TimeGap { position: FilePosition, rows: u64, seconds: f64, is_between_files: bool },
     /// More gaps than are worth listing; the figures are for all of them.
     TimeGaps { count: u64, rows: u64, seconds: f64 },
-    /// By the start in its head, a file begins before the one that it follows has ended; so do others.
+    /// By the start in its header, a file begins before those that it follows have ended; so do `more` others.
     Early { file: PathBuf, early_s: f64, more: usize },
+    /// By the start in its header, a file's rows are not where they are put beside those of other loggers.
+    Shifted { file: PathBuf, late_ms: f64, degrees_at_1_hz: f64 },
     /// Blank lines between rows, where no time column says whether rows are missing.
     BlankLines { position: FilePosition, count: u64 },
     /// The same samples of these channels are missing from rows that are there.
@@ -90,8 +92,9 @@ pub enum RecordWarning {
 impl fmt::Display for RecordWarning {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::TimeGap { position, rows, seconds } => {
-                let hour = if is_summer_time(*seconds) {
+            Self::TimeGap { position, rows, seconds, is_between_files } => {
+                // Headers have UTC.
+                let hour = if is_summer_time(*seconds) && !is_between_files {
                     " (an hour is also what a clock that is put forward for summer leaves out: such a logger has no gap, and is to keep to winter time or UTC)"
                 } else {
                     ""
@@ -110,12 +113,23 @@ impl fmt::Display for RecordWarning {
             Self::Early { file, early_s, more } => {
                 let others = match more {
                     0 => String::new(),
-                    more => format!(", and {more} more such {}", if *more == 1 { "file" } else { "files" }),
+                    1 => " (and so does 1 more file)".to_owned(),
+                    more => format!(" (and so do {more} more files)"),
                 };
                 write!(
                     formatter,
-                    "{}: begins {early_s:.3} s before the file that it follows has ended, by its own start{others}; they are read one after the other, as `files` has them",
+                    "{} starts {early_s:.3} s before the files that it follows have ended, by the start time in its header{others}: files are joined in the order of `files`, so put them in the order of time, or make setups of their own of them",
                     file.display()
+                )
+            }
+            Self::Shifted { file, late_ms, degrees_at_1_hz } => {
+                let than = if *late_ms < 0.0 { "earlier" } else { "later" };
+                write!(
+                    formatter,
+                    "{}: by the start time in its header its samples are {:.2} ms {than} than the rows where they stand beside the other loggers', which turns phases by {:.2}° at 1 Hz: make a setup of its own from there on",
+                    file.display(),
+                    late_ms.abs(),
+                    degrees_at_1_hz.abs()
                 )
             }
             Self::BlankLines { position, count } => {

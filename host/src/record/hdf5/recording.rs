@@ -164,8 +164,11 @@ impl Hdf5Recording {
     /// When its first row was, in nanoseconds since 1970, where its times or an attribute say it.
     pub(in crate::record) fn start_ns(&self) -> Result<Option<i64>, RecordError> {
         let first_s = match &self.times {
-            Some(times) => self.times_s(times, 0, 1)?.first().copied(),
-            None => None,
+            // In single precision, times since 1970 step by two minutes.
+            Some(times) if self.file.numbers(times)?.sample.bytes() == size_of::<f64>() => {
+                self.times_s(times, 0, 1)?.first().copied()
+            }
+            _ => None,
         };
         let start_s = first_s.filter(|first_s| UNIX_S.contains(first_s)).or(self.started_s);
         Ok(start_s.map(unix_ns))

@@ -86,6 +86,8 @@ impl Index {
 
 /// The property that says when a channel's first sample was.
 pub(super) const START_TIME: &str = "wf_start_time";
+/// The property with the time from there to the first number, in s.
+pub(super) const START_OFFSET: &str = "wf_start_offset";
 
 /// What a property says.
 #[derive(Debug, Clone, PartialEq)]
@@ -181,7 +183,7 @@ pub(super) fn read_object(
             _ => return Err(format!("its property `{}` is of type {kind:#x}", quoted(name.as_bytes()))),
         };
         // Those that say how to read it; a file may have thousands of others.
-        let is_used = matches!(name.as_str(), "wf_increment" | "unit_string") || name.starts_with("NI_");
+        let is_used = matches!(name.as_str(), "wf_increment" | "unit_string" | START_OFFSET) || name.starts_with("NI_");
         match property {
             Some(property) if is_used => drop(properties.insert(name, property)),
             // A recorder that writes it with every segment may say when that began.

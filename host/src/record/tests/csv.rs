@@ -93,7 +93,7 @@ fn rows_lost_by_the_time_column_are_filled_and_warned_of() {
     assert!(rows[3..8].iter().all(|row| row[0].is_nan()));
     assert_eq!(rows[8..], [[3.0], [4.0]]);
     assert_eq!(report.filled_rows, 5);
-    let [RecordWarning::TimeGap { position, rows: 5, seconds }] = &report.warnings[..] else {
+    let [RecordWarning::TimeGap { position, rows: 5, seconds, is_between_files: false }] = &report.warnings[..] else {
         panic!("{:?}", report.warnings)
     };
     assert_eq!(position.at, At::Line(5));

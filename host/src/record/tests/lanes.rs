@@ -121,65 +121,117 @@ fn with(file: &[u8], from: &[u8], to: &[u8]) -> Vec<u8> {
     changed
 }
 
-#[test]
-fn what_is_missing_between_files_that_say_when_they_begin_is_a_gap() {
+/// TDMS files of six seconds, by their names and when they begin, in s after the first of all.
+fn hourly(starts_s: &[(&str, i64)]) -> tempfile::TempDir {
     let tdms = std::fs::read(foreign().join("nptdms.tdms")).unwrap();
     // Seconds since 1904, as TDMS counts them.
     let start_s = START_S as i64 + 2_082_844_800;
     let after = |seconds: i64| with(&tdms, &start_s.to_le_bytes(), &(start_s + seconds).to_le_bytes());
-    let (follows, late, early) = (after(6), after(16), after(5));
-    let h5 = std::fs::read(foreign().join("h5py_scaled.h5")).unwrap();
-    let next = with(&h5, b"12:00:00.25Z", b"12:00:10.25Z");
-    // A recorder that is half a second behind by its clock has lost nothing.
-    let behind = with(&h5, b"12:00:00.25Z", b"12:00:06.75Z");
-    let folder = folder(&[
-        ("a.tdms", &tdms),
-        ("b.tdms", &follows),
-        ("c.tdms", &late),
-        ("d.tdms", &early),
-        ("a.h5", &h5),
-        ("b.h5", &next),
-        ("c.h5", &behind),
-    ]);
-    let of = |channels: &[&str], files: &[&str]| {
-        let setup = setup(channels, files);
-        let (rows, report) = read(&setup, folder.path()).unwrap();
-        let counted = Recording::open(&setup, folder.path()).unwrap().total_rows().unwrap();
-        assert_eq!((counted, report.rows), (rows.len() as u64, rows.len() as u64));
-        let told: Vec<String> = report.warnings.iter().map(ToString::to_string).collect();
-        (rows, report.filled_rows, told)
-    };
-    let same = same();
-    let in_turn = |rows: &[Vec<f64>], missing: usize| {
-        let (before, rest) = rows.split_at(rows.len() - 300 - missing);
-        let (gap, after) = rest.split_at(missing);
-        assert!(before.chunks(300).all(|file| file == same) && after == same);
+    let files: Vec<(&str, Vec<u8>)> = starts_s.iter().map(|(name, start_s)| (*name, after(*start_s))).collect();
+    folder(&files.iter().map(|(name, bytes)| (*name, bytes.as_slice())).collect::<Vec<_>>())
+}
+
+/// Rows, those filled in, and what is told, of the two channels of [`same`] in files one after the other.
+fn of_files(folder: &Path, channels: &[&str], files: &[&str]) -> (Vec<Vec<f64>>, u64, Vec<String>) {
+    let setup = setup(channels, files);
+    let (rows, report) = read(&setup, folder).unwrap();
+    let counted = Recording::open(&setup, folder).unwrap().total_rows().unwrap();
+    assert_eq!((counted, report.rows), (rows.len() as u64, rows.len() as u64));
+    (rows, report.filled_rows, report.warnings.iter().map(ToString::to_string).collect())
+}
+
+/// Holds rows against files of 300, with so many missing before each.
+fn in_turn(rows: &[Vec<f64>], missing: &[usize]) {
+    let (same, mut rest) = (same(), rows);
+    for missing in missing {
+        let (gap, file) = rest.split_at(*missing);
         assert!(gap.iter().flatten().all(|value| value.is_nan()));
-    };
-    let (rows, filled, told) = of(&["top-x", "top-y"], &["a.tdms", "b.tdms", "c.tdms"]);
-    assert_eq!((rows.len(), filled), (1100, 200));
-    in_turn(&rows, 200);
-    assert!(told.iter().any(|told| told.contains("c.tdms, row 1: gap in time: 200 rows (4.000 s)")), "{told:?}");
-    let (rows, filled, told) = of(&["top-x", "top-y"], &["c.tdms", "d.tdms", "a.tdms"]);
-    assert_eq!((rows.len(), filled), (900, 0));
-    in_turn(&rows, 0);
-    let is_told = |told: &String| told.contains("d.tdms: begins 17.000 s before") && told.contains("1 more such file;");
-    assert!(told.iter().any(is_told), "{told:?}");
-    let (rows, filled, _) = of(&["1", "2"], &["a.h5", "b.h5"]);
-    assert_eq!((rows.len(), filled), (800, 200));
-    in_turn(&rows, 200);
-    for names in [["a.h5", "a.h5"], ["a.h5", "c.h5"]] {
-        std::fs::copy(folder.path().join(names[1]), folder.path().join("z.h5")).unwrap();
-        let (rows, filled, told) = of(&["1", "2"], &[names[0], "z.h5"]);
-        assert_eq!((rows.len(), filled, told.len()), (600, 0, 0), "{told:?}");
+        assert_eq!(file[..300], same);
+        rest = &file[300..];
     }
-    // Blocks of a schedule follow each other.
+    assert!(rest.is_empty());
+}
+
+#[test]
+fn what_is_missing_between_files_that_say_when_they_begin_is_a_gap() {
+    let folder = hourly(&[("a.tdms", 0), ("b.tdms", 6), ("c.tdms", 16), ("d.tdms", 22)]);
+    let (rows, filled, told) = of_files(folder.path(), &["top-x", "top-y"], &["*.tdms"]);
+    in_turn(&rows, &[0, 0, 200, 0]);
+    assert_eq!(filled, 200);
+    assert!(told.iter().any(|told| told.contains("c.tdms, row 1: gap in time: 200 rows (4.000 s)")), "{told:?}");
+    // Blocks of a schedule follow each other, with the rows between blocks.
     let mut blocks = setup(&["top-x", "top-y"], &["a.tdms", "c.tdms"]);
     blocks.block_s = Some(6.0);
-    assert_eq!(Recording::open(&blocks, folder.path()).unwrap().total_rows().unwrap(), 604);
+    assert_eq!(read(&blocks, folder.path()).unwrap().0.len(), 604);
+    // An hour in UTC is none of a clock that was put forward, and most of the time without a recording is no channel's fault.
+    let folder = hourly(&[("a.tdms", 0), ("b.tdms", 3606)]);
+    let (_, filled, told) = of_files(folder.path(), &["top-x", "top-y"], &["*.tdms"]);
+    assert_eq!((filled, told.len()), (180_000, 1));
+    assert!(!told[0].contains("summer"), "{told:?}");
     // Years are a wrong clock.
-    std::fs::write(folder.path().join("y.tdms"), after(500_000_000)).unwrap();
-    let years = setup(&["top-x"], &["a.tdms", "y.tdms"]);
-    let error = Recording::open(&years, folder.path()).unwrap_err().to_string();
-    assert!(error.contains("y.tdms, row 1: time jumps from") && error.contains("correct the times"), "{error}");
+    let folder = hourly(&[("a.tdms", 0), ("y.tdms", 500_000_000)]);
+    let error = Recording::open(&setup(&["top-x"], &["*.tdms"]), folder.path()).unwrap_err().to_string();
+    assert!(error.contains("y.tdms, row 1: time jumps from") && error.contains("`block_s`"), "{error}");
+}
+
+#[test]
+fn starts_that_are_rounded_wrong_or_the_measurements_make_no_gap() {
+    for (starts_s, early) in [
+        // Whole seconds, rounded apart.
+        (&[0, 7, 12][..], None),
+        // One clock is wrong, and the next is right again.
+        (&[0, -3600, 12], Some("f1.tdms starts 3606.000 s before")),
+        // In another order than that of time.
+        (
+            &[6, 0, 12],
+            Some(
+                "f1.tdms starts 12.000 s before the files that it follows have ended, by the start time in its header (and so does 1 more file)",
+            ),
+        ),
+        // All of a measurement have its start, and then those of the next.
+        (&[0, 0, 0, 18, 18], None),
+    ] {
+        let names: Vec<String> = (0..starts_s.len()).map(|at| format!("f{at}.tdms")).collect();
+        let files: Vec<(&str, i64)> = names.iter().map(String::as_str).zip(starts_s.iter().copied()).collect();
+        let (rows, filled, told) = of_files(hourly(&files).path(), &["top-x", "top-y"], &["f*.tdms"]);
+        in_turn(&rows, &vec![0; starts_s.len()]);
+        assert_eq!((filled, told.len()), (0, usize::from(early.is_some())), "{starts_s:?}: {told:?}");
+        assert!(early.is_none_or(|early| told[0].contains(early)), "{told:?}");
+    }
+}
+
+#[test]
+fn of_several_loggers_each_has_its_gaps_and_what_is_shifted_is_told() {
+    // A table beside TDMS files: four seconds are missing between two of them, and one more than the last starts say.
+    let folder = hourly(&[("a.tdms", 0), ("b.tdms", 10), ("c.tdms", 17)]);
+    std::fs::write(folder.path().join("z.csv"), table("z", 0.0, 1150, 0.02)).unwrap();
+    let (rows, _, told) = of_files(folder.path(), &["z", "top-x"], &["*.tdms", "z.csv"]);
+    let same = same();
+    for (row, found) in rows.iter().enumerate() {
+        assert_eq!(found[0], row as f64);
+        let of_file = match row {
+            0..300 => Some(row),
+            500..1100 => Some((row - 500) % 300),
+            _ => None,
+        };
+        assert!(of_file.map_or(found[1].is_nan(), |at| found[1] == same[at][0]), "row {row}");
+    }
+    let is_told =
+        |told: &String| told.contains("c.tdms: by the start time in its header its samples are 1000.00 ms later");
+    assert_eq!(told.iter().filter(|told| is_told(told)).count(), 1, "{told:?}");
+}
+
+#[test]
+fn hdf5_files_that_say_when_they_begin_leave_gaps_as_well() {
+    let h5 = std::fs::read(foreign().join("h5py_scaled.h5")).unwrap();
+    let at = |time: &[u8]| with(&h5, b"12:00:00.25Z", time);
+    let (next, behind) = (at(b"12:00:10.25Z"), at(b"12:00:06.75Z"));
+    let folder = folder(&[("a.h5", &h5), ("b.h5", &next), ("c.h5", &behind)]);
+    let (rows, filled, _) = of_files(folder.path(), &["1", "2"], &["a.h5", "b.h5"]);
+    in_turn(&rows, &[0, 200]);
+    assert_eq!(filled, 200);
+    // A recorder that is half a second behind by its clock has lost nothing.
+    let (rows, filled, told) = of_files(folder.path(), &["1", "2"], &["a.h5", "c.h5"]);
+    in_turn(&rows, &[0, 0]);
+    assert_eq!((filled, told.len()), (0, 0), "{told:?}");
 }

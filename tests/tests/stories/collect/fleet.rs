@@ -69,6 +69,19 @@ fn worker(bench: &LiveBench, server: &NatsServer, more: &[&str]) -> Child {
     bench.spawn(work(server, more))
 }
 
+fn frequencies_hz(modes: &Value) -> Vec<f64> {
+    modes.as_array().unwrap().iter().map(|mode| mode["frequency_hz"].as_f64().unwrap()).collect()
+}
+
+fn is_near(hz: f64, true_hz: f64) -> bool {
+    (hz / true_hz - 1.0).abs() < 0.02
+}
+
+/// Whether both modes of the mast are among these.
+fn have_both(found_hz: &[f64]) -> bool {
+    MODES.iter().all(|(true_hz, ..)| found_hz.iter().any(|hz| is_near(*hz, *true_hz)))
+}
+
 /// Identifies the modes of what has come and has them followed.
 fn follow(bench: &LiveBench, server: &NatsServer, more: &[&str]) {
     // The drift is known from 20 s on.
@@ -76,12 +89,11 @@ fn follow(bench: &LiveBench, server: &NatsServer, more: &[&str]) {
     belfry_command().args(["identify", bench.study()]).assert().success();
     let said = fs::read_to_string(bench.folder.path().join("results/modes.json")).unwrap();
     let found: Value = serde_json::from_str(&said).unwrap();
-    // Beside other tests, the first minute knows the nodes' clocks within half a millisecond, 15° at 90 Hz: which splits that mode now and then.
-    let found_hz: Vec<f64> =
-        found["modes"].as_array().unwrap().iter().map(|mode| mode["frequency_hz"].as_f64().unwrap()).collect();
-    for (true_hz, ..) in MODES {
-        assert!(found_hz.iter().any(|hz| (hz / true_hz - 1.0).abs() < 0.01), "{found_hz:?}");
-    }
+    let found_hz = frequencies_hz(&found["modes"]);
+    // While other tests run, the nodes' clocks are known only within half a millisecond in the first minute, 16° at 90 Hz: which splits that mode
+    // now and then.
+    assert!(have_both(&found_hz) && found_hz.len() <= 3, "{found_hz:?}");
+    assert!(found_hz.iter().all(|hz| MODES.iter().any(|(true_hz, ..)| is_near(*hz, *true_hz))), "{found_hz:?}");
     let followed = format!("Mast is followed from now on: {} modes", found_hz.len());
     let url = server.url();
     let add = ["work", "--from", &url, "--add", bench.study(), "--every", "10s"];
@@ -148,7 +160,7 @@ fn holds(bench: &LiveBench, server: &NatsServer) {
         assert_eq!(worker["modes"], watch["modes"], "{interval}");
     }
     // Ten seconds show both modes as a rule, and one of them now and then.
-    let both = same.iter().filter(|interval| seen[interval]["modes"].as_array().unwrap().len() >= 2).count();
+    let both = same.iter().filter(|interval| have_both(&frequencies_hz(&seen[interval]["modes"]))).count();
     assert!(2 * both > same.len(), "{both} of {} intervals show both modes", same.len());
 }
 
