@@ -317,14 +317,14 @@ fn joints(setup: &Setup, files: &[SourceFile]) -> Result<Vec<Joint>, RecordError
     if setup.block_s.is_some() || files.len() < 2 {
         return Ok(joints);
     }
-    let starts = files.iter().map(|file| file.start_and_rate(setup)).collect::<Result<Option<Vec<_>>, _>>()?;
-    let Some(starts) = starts else { return Ok(joints) };
-    let first_ns = starts.first().map_or(0, |(start_ns, _)| *start_ns);
+    let spans = files.iter().map(|file| file.span(setup)).collect::<Result<Option<Vec<_>>, _>>()?;
+    let Some(spans) = spans else { return Ok(joints) };
+    let first_ns = spans.first().map_or(0, |first| first.start_ns);
     let (mut rows, mut filled, mut length_s) = (0, 0, 0.0);
     // Start of the file before and end of all before, in s after the first file's start.
     let mut before: Option<[f64; 2]> = None;
-    for ((file, joint), (start_ns, rate_hz)) in files.iter().zip(&mut joints).zip(starts) {
-        let start_s = start_ns.saturating_sub(first_ns) as f64 * 1e-9;
+    for ((file, joint), span) in files.iter().zip(&mut joints).zip(spans) {
+        let start_s = span.start_ns.saturating_sub(first_ns) as f64 * 1e-9;
         let mut end_s = start_s;
         if let Some([other_s, end_of_all_s]) = before {
             let gap_s = start_s - end_of_all_s;
@@ -344,9 +344,8 @@ fn joints(setup: &Setup, files: &[SourceFile]) -> Result<Vec<Joint>, RecordError
         }
         rows += joint.missing;
         joint.late_rows = start_s * setup.sampling_rate_hz - rows as f64;
-        let count = file.count_rows(setup, &mut Clock::new(setup.sampling_rate_hz))?;
-        rows += count;
-        length_s = count as f64 / rate_hz.unwrap_or(setup.sampling_rate_hz);
+        rows += span.rows;
+        length_s = span.rows as f64 / span.rate_hz;
         before = Some([start_s, end_s + length_s]);
     }
     Ok(joints)

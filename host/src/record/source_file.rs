@@ -50,6 +50,17 @@ pub(super) struct Said {
     pub(super) time: Option<String>,
 }
 
+/// Where a file's rows stand in time, as its header says it.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Span {
+    /// When the first was, in nanoseconds since 1970.
+    pub(super) start_ns: i64,
+    /// Its own rate, or else that of the setup.
+    pub(super) rate_hz: f64,
+    /// How many there are, those included that are missing within it.
+    pub(super) rows: u64,
+}
+
 impl Said {
     /// Of a file whose times are those of the logger's own clock, s.
     fn by_own_clock(first_s: Option<f64>, setup: &Setup) -> Self {
@@ -173,16 +184,24 @@ impl SourceFile {
         })
     }
 
-    /// When its first row was, in nanoseconds since 1970, and its own rate in Hz; `None` of formats whose times are followed row by row from file to
-    /// file, and of those that say no start.
-    pub(super) fn start_and_rate(&self, setup: &Setup) -> Result<Option<(i64, Option<f64>)>, RecordError> {
-        if !matches!(self.format, Format::Hdf5 | Format::Tdms) {
-            return Ok(None);
-        }
-        let said = self.said(setup)?;
-        let mut rates_hz = said.channels.iter().filter_map(|(rate_hz, _)| *rate_hz);
-        let own_hz = rates_hz.find(|rate_hz| is_rate(*rate_hz, setup.sampling_rate_hz));
-        Ok(said.start_ns.filter(|start_ns| *start_ns > 0).map(|start_ns| (start_ns, own_hz)))
+    /// Where its rows stand in time by its header; `None` of formats whose times are followed row by row from file to file, and of files that say no
+    /// start.
+    pub(super) fn span(&self, setup: &Setup) -> Result<Option<Span>, RecordError> {
+        let (start_ns, channels, rows) = match self.format {
+            Format::Hdf5 => {
+                let recording = Hdf5Recording::open(&self.path, setup)?;
+                (recording.start_ns()?, recording.said()?, recording.rows())
+            }
+            Format::Tdms => {
+                let reader = tdms::open(&self.path, setup)?;
+                (reader.start_ns(), reader.said(), reader.rows())
+            }
+            _ => return Ok(None),
+        };
+        let mut rates_hz = channels.into_iter().filter_map(|(rate_hz, _)| rate_hz);
+        let rate_hz = rates_hz.find(|rate_hz| is_rate(*rate_hz, setup.sampling_rate_hz));
+        let rate_hz = rate_hz.unwrap_or(setup.sampling_rate_hz);
+        Ok(start_ns.filter(|start_ns| *start_ns > 0).map(|start_ns| Span { start_ns, rate_hz, rows }))
     }
 
     /// Whether a column may hold something else than numbers, which only reading shows.
