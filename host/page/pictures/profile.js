@@ -4,7 +4,9 @@ import { make } from "@/canvas.js"
 import { extent, freeing, items, legend, plot } from "@/curves.js"
 import { known, metres, signed } from "@/numbers.js"
 
-const NAMES = { bending_1: "bending, 1st axis", bending_2: "bending, 2nd axis" }
+const NAMES = {
+    bending_1: "bending, 1st axis", bending_2: "bending, 2nd axis", shear_1: "shear, 1st axis", shear_2: "shear, 2nd axis",
+}
 // Segments that are together shorter than this share of the height, such as a foundation, do not set the scale for all others.
 const SHORT = 0.05
 const change = factor => 100 * (factor - 1)

@@ -29,7 +29,12 @@ const IN_COMMON: f64 = 0.866;
 const BENDING_ITS_OWN: f64 = 0.5;
 const TORSION_ITS_OWN: f64 = 1.0;
 const SHEAR_ITS_OWN: [f64; 2] = [2.0, 1.0];
-/// That varies over the height as the kind of section does: over this many correlation lengths.
+/// Of that, what shear along each axis has of its own: as much as bending where all is bending and one formula gave both; all of it where all is
+/// shear, for frames carry a building along one axis and walls along the other. With both in one, a sound shear building whose storeys were 1 %
+/// softer along one axis and as the table has them along the other had a support at its foot, with 93 %.
+const SHEAR_OF_AN_AXIS: [f64; 2] = [BENDING_ITS_OWN, 1.0];
+/// That varies over the height as the kind of section does: over this many correlation lengths. Where storeys shear, frames, walls and what holds them
+/// together vary from storey to storey, each as all of them in common do: by [`storeys`].
 const OF_A_KIND: f64 = 3.0;
 /// Of the variance that stiffnesses have in common, and of that of masses, this share is the whole structure's: its modulus, and the
 /// loads that were estimated for all floors alike. Without it a table that is off as a whole by twice what it states is a finding.
@@ -72,8 +77,12 @@ impl Tolerance {
         let Body::Beam(beam) = &structure.body else { return None };
         let [by_stiffness, by_mass] = deviations(model)?;
         let length_m = correlation_length_m([beam.z_base_m(), beam.z_top_m()], model);
-        let has_shear = beam.segments().iter().any(|segment| segment.shear_n.iter().any(Option::is_some));
-        let is_there = |stiffness: &Stiffness| *stiffness != Stiffness::Shear || has_shear;
+        let has_shear = |axis: usize| beam.segments().iter().any(|segment| segment.shear_n[axis].is_some());
+        let is_there = |stiffness: &Stiffness| match stiffness {
+            Stiffness::Shear1 => has_shear(0),
+            Stiffness::Shear2 => has_shear(1),
+            _ => true,
+        };
         let stiffnesses = Stiffness::ALL.into_iter().filter(|stiffness| by_stiffness > 0.0 && is_there(stiffness));
         let quantities: Vec<Option<Stiffness>> = stiffnesses.map(Some).chain((by_mass > 0.0).then_some(None)).collect();
         let segment_changes = structure.segment_changes();
@@ -85,28 +94,44 @@ impl Tolerance {
             segment_changes.iter().map(of).collect()
         };
         let changes = quantities.iter().flat_map(change).collect();
-        let (near, of_a_kind) = (in_common(beam, length_m), kernel(beam, OF_A_KIND * length_m));
         let (segments, shears) = (beam.segments().len(), share_of_shear(beam));
+        let near = in_common(beam, length_m);
+        let of_a_kind = kernel(beam, OF_A_KIND * length_m) * (1.0 - storeys(shears)) + &near * storeys(shears);
         let mut covariance = DMatrix::zeros(segments * quantities.len(), segments * quantities.len());
         for (row, one) in quantities.iter().enumerate() {
             for (column, other) in quantities.iter().enumerate() {
-                let own = match one {
-                    Some(Stiffness::Shear) => (1.0 - shears) * SHEAR_ITS_OWN[0] + shears * SHEAR_ITS_OWN[1],
-                    Some(Stiffness::Torsion) => TORSION_ITS_OWN,
-                    _ => BENDING_ITS_OWN,
-                };
                 let part = match (one, other) {
                     (None, None) => &near * by_mass.powi(2),
-                    (Some(one), Some(other)) if one == other => {
-                        (&near * IN_COMMON.powi(2) + &of_a_kind * f64::powi(own, 2)) * by_stiffness.powi(2)
+                    (Some(one), Some(other)) => {
+                        let own = of_a_kind_alone(*one, *other, shears);
+                        (&near * IN_COMMON.powi(2) + &of_a_kind * own) * by_stiffness.powi(2)
                     }
-                    (Some(_), Some(_)) => &near * (IN_COMMON * by_stiffness).powi(2),
                     _ => continue,
                 };
                 covariance.view_mut((row * segments, column * segments), (segments, segments)).copy_from(&part);
             }
         }
         Some(Self { changes, covariance, quantities })
+    }
+}
+
+/// How far a structure is one of storeys, by the share of shear in how it sways: not at all where it bends more than it shears.
+fn storeys(shears: f64) -> f64 {
+    (2.0 * shears - 1.0).max(0.0)
+}
+
+/// What two stiffnesses of a section vary together by, beside what all have in common: a covariance, in squares of the tolerance; `shears` is the
+/// share of shear in how the structure sways.
+fn of_a_kind_alone(one: Stiffness, other: Stiffness, shears: f64) -> f64 {
+    use Stiffness::{Bending1, Bending2, Shear1, Shear2, Torsion};
+    let between = |[bends, sways]: [f64; 2]| (1.0 - shears) * bends + shears * sways;
+    let shear = between(SHEAR_ITS_OWN).powi(2);
+    match (one, other) {
+        (Bending1, Bending1) | (Bending2, Bending2) => f64::powi(BENDING_ITS_OWN, 2),
+        (Torsion, Torsion) => f64::powi(TORSION_ITS_OWN, 2),
+        (Shear1, Shear1) | (Shear2, Shear2) => shear,
+        (Shear1, Shear2) | (Shear2, Shear1) => shear - between(SHEAR_OF_AN_AXIS).powi(2),
+        _ => 0.0,
     }
 }
 
@@ -189,6 +214,18 @@ mod tests {
             assert!((correlation[(0, apart)] - expected).abs() < 1e-9, "{apart}: {}", correlation[(0, apart)]);
         }
         assert!(correlation.cholesky().is_some());
+    }
+
+    /// Where all is shear its two axes have the material in common and no more; where all is bending, most of what one formula gave both.
+    #[test]
+    fn axes_share_shear_as_far_as_the_structure_bends() {
+        let correlation = |shears: f64| {
+            let own = |other: Stiffness| of_a_kind_alone(Stiffness::Shear1, other, shears);
+            (IN_COMMON.powi(2) + own(Stiffness::Shear2)) / (IN_COMMON.powi(2) + own(Stiffness::Shear1))
+        };
+        assert!((correlation(1.0) - 0.75 / 1.75).abs() < 1e-3, "{}", correlation(1.0));
+        assert!((correlation(0.0) - 4.5 / 4.75).abs() < 1e-3, "{}", correlation(0.0));
+        assert!((0..10).all(|tenths| correlation(0.1 * f64::from(tenths)) > correlation(0.1 * f64::from(tenths + 1))));
     }
 
     /// A uniform cantilever: `H³ / 3 EI` against `H / GA`.

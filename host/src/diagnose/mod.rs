@@ -73,6 +73,8 @@ mod smooth;
 mod state;
 pub mod steps;
 #[cfg(test)]
+mod storeys_tests;
+#[cfg(test)]
 pub(crate) mod testing;
 #[cfg(test)]
 mod tests;

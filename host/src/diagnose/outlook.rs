@@ -12,11 +12,13 @@ use super::candidates::{Candidate, Options};
 use super::criteria::FAILS;
 use super::discrepancy::{Discrepancy, log_determinant};
 use super::error::DiagnoseError;
-use super::fit::{Fit, log_one_sided};
+use super::fit::{Fit, are_like_the_table, log_one_sided};
 use super::knob::Knob;
 use super::misfit::Loss;
 use super::problem::Problem;
+use super::relief::{Left, is_called_for};
 use super::score::{LinearStep, is_admissible, is_seen, shows_by_derivative};
+use super::search::is_good_as_it_is;
 use super::state::State;
 use super::steps::Setting;
 use super::verdict::TWINS;
@@ -24,6 +26,9 @@ use crate::compare::exceeding;
 use crate::model::Structure;
 use crate::model::effect::{Effect, EffectKind, KINDS, Where};
 use crate::modes::DrawnErrors;
+
+/// How far a diagnosis may find segments to scatter, by chance, in units of what the study states.
+const SCATTERS: [f64; 3] = [0.67, 1.5, 2.0];
 
 /// What chance adds to a measurement.
 #[derive(Debug, Clone)]
@@ -103,6 +108,8 @@ struct Member {
     columns: DMatrix<f64>,
     /// What one that is there or not adds to the differences.
     shift: Option<DVector<f64>>,
+    /// Variances of its values by what the table has wrong and looks like them.
+    besides: DVector<f64>,
 }
 
 impl Member {
@@ -123,6 +130,9 @@ pub(crate) struct Weighed {
     pub(crate) log_bayes_factors: Vec<f64>,
     /// Squared cosine between what the effect does and what this hypothesis can do, both seen through what else is uncertain.
     pub(crate) likeness: f64,
+    /// Whether a diagnosis would count it, draw by draw: where the model misses more than its study says, errors must fall with it, and it must be
+    /// larger than what the table's own errors look like.
+    pub(crate) helps: Vec<bool>,
     /// Whether it passes for the effect whatever the evidence, draw by draw: a twin that the test of fit does not refute.
     pub(crate) is_twin: Vec<bool>,
 }
@@ -209,14 +219,25 @@ impl Outlook {
         let size = self.expected.len();
         if candidate.parameters.iter().any(crate::model::effect::Parameter::is_fitted) {
             let (knobs, columns) = self.problem.columns_of(&self.given, candidate, None, guesses)?;
-            return Some(Member { knobs, columns: columns.rows(0, size).into_owned(), shift: None });
+            let columns = columns.rows(0, size).into_owned();
+            let effect = candidate.effect(&candidate.neutral())?;
+            let blocks = || self.given.state.residual.blocks();
+            let largest = |at: usize| blocks().fold(0.0, |most: f64, (first, _)| most.max(columns[(first, at)].abs()));
+            let besides = |(at, knob): (usize, &Knob)| self.problem.looks_like(&effect, knob, largest(at)).powi(2);
+            let besides = DVector::from_iterator(knobs.len(), knobs.iter().enumerate().map(besides));
+            return Some(Member { knobs, columns, shift: None, besides });
         }
         let state = &self.given.state;
         let effects = self.effects.iter().cloned().chain([candidate.effect(&[])?]).collect();
         let there = self.problem.state(effects, state.numbers.clone(), Some(state)).ok()?;
         let there = differences(&there);
         let shift = (there.len() == size).then(|| there - &self.expected)?;
-        Some(Member { knobs: Vec::new(), columns: DMatrix::zeros(size, 0), shift: Some(shift) })
+        Some(Member {
+            knobs: Vec::new(),
+            columns: DMatrix::zeros(size, 0),
+            shift: Some(shift),
+            besides: DVector::zeros(0),
+        })
     }
 
     /// The effect where it is: its derivatives turned so that its values lead to what it does in full (Broyden 1965, the least
@@ -249,6 +270,7 @@ impl Outlook {
             knobs: Vec::new(),
             columns: DMatrix::zeros(self.expected.len(), 0),
             shift: Some(-&self.expected),
+            besides: DVector::zeros(0),
         };
         member.unwrap_or_else(there_or_not)
     }
@@ -285,29 +307,44 @@ impl Outlook {
     }
 
     /// Weighs the effect, the first, and its rivals; `share` is how much of the effect there is. `discrepancies` are what the
-    /// hypotheses may be taken to miss besides: nothing, first of all.
+    /// hypotheses may be taken to miss besides: nothing, first of all, with segments that scatter about as far as the study states.
     pub(crate) fn weigh(&self, draws: &[Draw], share: f64, discrepancies: &[Discrepancy]) -> Vec<Weighed> {
         let mut differences = self.chance(draws);
         for mut column in differences.column_iter_mut() {
             column += &self.expected * share;
         }
-        let sizes = std::iter::once(&Discrepancy::NONE).chain(discrepancies);
-        let parts: Vec<Part<'_>> = sizes.filter_map(|sizes| Part::of(self, sizes, &differences)).collect();
+        let mut sizes = vec![Discrepancy::NONE];
+        if !self.problem.background.is_none() {
+            sizes.extend(SCATTERS.map(|scatter| Discrepancy { scatter, ..Discrepancy::NONE }));
+        }
+        sizes.extend_from_slice(discrepancies);
+        let parts: Vec<Part<'_>> = sizes.iter().filter_map(|sizes| Part::of(self, sizes, &differences)).collect();
         let Some(plain) = parts.first() else { return Vec::new() };
-        let best =
-            |log_evidence: &dyn Fn(usize) -> f64| (0..parts.len()).map(log_evidence).fold(f64::NEG_INFINITY, f64::max);
+        let at_best = |log_evidence: &dyn Fn(usize) -> f64| {
+            (0..parts.len()).max_by(|&a, &b| log_evidence(a).total_cmp(&log_evidence(b))).unwrap_or(0)
+        };
         let whole = plain.seen(&DMatrix::from_columns(&[-&self.expected]));
+        let p_value = |squares: f64| exceeding(squares, self.expected.len() as f64);
         let weigh = |group: &Group| {
-            let gains: Vec<Vec<f64>> = parts.par_iter().map(|part| part.gains(group)).collect();
-            let log_bayes_factor = |draw: usize| {
-                best(&|part| parts[part].present[draw] + gains[part][draw]) - best(&|part| parts[part].present[draw])
+            let gains: Vec<Vec<Gain>> = parts.par_iter().map(|part| part.gains(group)).collect();
+            let said = |draw: usize| {
+                let log_evidence = |part: usize| parts[part].present[draw] + gains[part][draw].log_evidence;
+                let (with, without) = (at_best(&log_evidence), at_best(&|part| parts[part].present[draw]));
+                let log_bayes_factor = log_evidence(with) - parts[without].present[draw];
+                let gain = &gains[with][draw];
+                let [p_value, p_value_with] = [parts[without].squares[draw], gain.squares].map(p_value);
+                let falls = !parts[with].sizes.misses_more()
+                    || is_called_for(p_value >= FAILS, p_value_with >= FAILS, log_bayes_factor)
+                    || gain.left.is_none_or(|left| left.is_relief(is_good_as_it_is(p_value, log_bayes_factor)));
+                (log_bayes_factor, falls && !gain.is_like_the_table)
             };
             let (likeness, left) = plain.likeness(group, &whole);
-            let freedom = self.expected.len() as f64;
+            let (log_bayes_factors, helps) = (0..draws.len()).map(said).unzip();
             Weighed {
                 rival: group.rival.clone(),
-                log_bayes_factors: (0..draws.len()).map(log_bayes_factor).collect(),
-                is_twin: left.iter().map(|&left| likeness > TWINS && exceeding(left, freedom) >= FAILS).collect(),
+                log_bayes_factors,
+                helps,
+                is_twin: left.iter().map(|&left| likeness > TWINS && p_value(left) >= FAILS).collect(),
                 likeness,
             }
         };
@@ -324,6 +361,7 @@ fn differences(state: &State) -> DVector<f64> {
 /// Drawn differences seen with one discrepancy, through the scatter and the effects in the model.
 struct Part<'a> {
     outlook: &'a Outlook,
+    sizes: Discrepancy,
     factors: Vec<Cholesky<f64, nalgebra::Dyn>>,
     slopes: DMatrix<f64>,
     curvature: Cholesky<f64, nalgebra::Dyn>,
@@ -346,13 +384,43 @@ struct Seen {
     bent: DMatrix<f64>,
 }
 
+/// What a hypothesis does in one draw, at its best place.
+struct Gain {
+    /// By how much the logarithm of the evidence rises, averaged over places.
+    log_evidence: f64,
+    /// The squares of what is left and of the scatter that is needed for it.
+    squares: f64,
+    /// What it leaves of the differences without any scatter; `None` where there is nothing to share.
+    left: Option<Left>,
+    /// Whether it is no larger than what the table's own errors look like.
+    is_like_the_table: bool,
+}
+
+impl Gain {
+    /// Of what cannot be.
+    const NONE: Self =
+        Self { log_evidence: f64::NEG_INFINITY, squares: f64::INFINITY, left: None, is_like_the_table: false };
+}
+
 /// What an effect at a place can do about the draws.
-struct Moved {
+struct Moved<'a> {
+    member: &'a Member,
+    /// Covariance of its values, in units of their scales; none of one that is there or not.
+    covariance: Option<DMatrix<f64>>,
     seen: Seen,
     /// Its values for each draw, in units of their scales.
     units: Vec<DVector<f64>>,
     /// The gain in the logarithm of the evidence, by squares.
     gains: Vec<f64>,
+}
+
+impl Moved<'_> {
+    /// Whether its values are no larger than what the table's own errors look like, where parts scatter so many times as far as stated.
+    fn is_like_the_table(&self, draw: usize, scatter: f64) -> bool {
+        let Some(covariance) = &self.covariance else { return false };
+        let besides = &self.member.besides * scatter.max(1.0).powi(2);
+        are_like_the_table(&self.units[draw], covariance + DMatrix::from_diagonal(&besides))
+    }
 }
 
 impl<'a> Part<'a> {
@@ -378,7 +446,7 @@ impl<'a> Part<'a> {
         let draws = Seen { whole: DMatrix::zeros(0, 0), left: DMatrix::zeros(0, 0), bent: DMatrix::zeros(0, 0) };
         let curvature = Cholesky::new(curvature)?;
         let (squares, robust, present) = (Vec::new(), Vec::new(), Vec::new());
-        let mut part = Self { outlook, factors, slopes, curvature, draws, squares, robust, present };
+        let mut part = Self { outlook, sizes: *sizes, factors, slopes, curvature, draws, squares, robust, present };
         part.draws = part.seen(differences);
         let columns = |at: usize| (part.draws.left.column(at).into_owned(), part.draws.bent.column(at).into_owned());
         let costs: Vec<[f64; 2]> =
@@ -408,37 +476,59 @@ impl<'a> Part<'a> {
 
     /// By how much a hypothesis gains on the model as it is in each draw: the logarithm of its evidence, averaged over its places.
     /// What the robust loss takes from it is that at its best place.
-    fn gains(&self, group: &Group) -> Vec<f64> {
-        let moved: Vec<Moved> = group.members.iter().filter_map(|member| self.moved(member)).collect();
+    fn gains(&self, group: &Group) -> Vec<Gain> {
+        let moved: Vec<Moved<'_>> = group.members.iter().filter_map(|member| self.moved(member)).collect();
         let mean = |draw: usize| {
             let Some(best) = moved.iter().max_by(|a, b| a.gains[draw].total_cmp(&b.gains[draw])) else {
-                return f64::NEG_INFINITY;
+                return Gain::NONE;
             };
             let most = best.gains[draw];
             if most == f64::NEG_INFINITY {
-                return most;
+                return Gain::NONE;
             }
             let sum: f64 = moved.iter().map(|moved| (moved.gains[draw] - most).exp()).sum();
             let left = self.draws.left.column(draw) + &best.seen.left * &best.units[draw];
             let bent = self.draws.bent.column(draw) + &best.seen.bent * &best.units[draw];
             let [squares, robust] = self.costs(left, &bent);
-            most + (sum / group.hypotheses as f64).ln() - 0.5 * (robust - squares - self.robust[draw])
+            let shared = (sum / group.hypotheses as f64).ln();
+            Gain {
+                log_evidence: most + shared - 0.5 * (robust - squares - self.robust[draw]),
+                squares,
+                left: self.left_by(best, draw, group.rival.kind().is_of_structure()),
+                is_like_the_table: best.is_like_the_table(draw, self.sizes.scatter),
+            }
         };
         (0..self.squares.len()).map(mean).collect()
     }
 
-    fn moved(&self, member: &Member) -> Option<Moved> {
+    /// What an effect leaves of the differences without any scatter, as [`Problem::left_with`] says it of a fit.
+    fn left_by(&self, moved: &Moved<'_>, draw: usize, moves: bool) -> Option<Left> {
+        let state = &self.outlook.given.state;
+        let without = self.draws.whole.column(draw).into_owned();
+        let with = &without + &moved.seen.whole * &moved.units[draw];
+        let weighed = |differences: DVector<f64>| {
+            let of_frequencies: f64 = state.residual.blocks().map(|(first, _)| differences[first].powi(2)).sum();
+            let all = differences.resize_vertically(state.size(), 0.0);
+            (state.misfit_of(&all, &self.factors, Loss::Robust), of_frequencies)
+        };
+        let ((misfit, frequency), (misfit_before, frequency_before)) = (weighed(with), weighed(without));
+        Left::of([misfit, misfit_before], [frequency, frequency_before], moves)
+    }
+
+    fn moved<'b>(&self, member: &'b Member) -> Option<Moved<'b>> {
         let seen = self.seen(&member.directions());
         let gradients = seen.whole.tr_mul(&self.draws.left);
         if member.shift.is_some() {
             let own = seen.whole.dot(&seen.left);
             let gains = gradients.iter().map(|along| -along - 0.5 * own).collect();
-            return Some(Moved { units: vec![DVector::from_element(1, 1.0); self.squares.len()], seen, gains });
+            let units = vec![DVector::from_element(1, 1.0); self.squares.len()];
+            return Some(Moved { member, covariance: None, units, seen, gains });
         }
         let information = seen.whole.tr_mul(&seen.left);
         if !is_seen(&information, &seen.whole) {
             return None;
         }
+        let covariance = Cholesky::new(information.clone()).map(|factor| factor.inverse());
         let step = LinearStep::of(information)?;
         let one_sided = log_one_sided(&member.knobs);
         let gain = |gradient: DVector<f64>| {
@@ -449,7 +539,7 @@ impl<'a> Part<'a> {
         };
         let all: Option<Vec<_>> = gradients.column_iter().map(|gradient| gain(gradient.into_owned())).collect();
         let (units, gains) = all?.into_iter().unzip();
-        Some(Moved { seen, units, gains })
+        Some(Moved { member, covariance, seen, units, gains })
     }
 
     /// The squared cosine between what the effect does and what the hypothesis can do at its likest place, and the squared

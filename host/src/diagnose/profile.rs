@@ -22,7 +22,7 @@ use crate::study::GroupTerms;
 pub struct Profile {
     /// Names of the effects in the model, which were fitted together with the segments.
     pub effects: Vec<String>,
-    /// Bending about each axis, shear, torsion and mass; only those that the study does not trust.
+    /// Bending and shear along each axis, torsion and mass; only those that the study does not trust.
     pub quantities: Vec<QuantityProfile>,
     /// Groups of the model, as study.toml has them.
     pub groups: Vec<ProfileGroup>,
@@ -59,8 +59,12 @@ pub enum Quantity {
     /// Bending stiffness along the second.
     #[serde(rename = "bending_2")]
     Bending2,
-    /// Shear stiffness.
-    Shear,
+    /// Shear stiffness along the first principal direction.
+    #[serde(rename = "shear_1")]
+    Shear1,
+    /// Shear stiffness along the second.
+    #[serde(rename = "shear_2")]
+    Shear2,
     /// Torsional stiffness.
     Torsion,
     /// Mass and moments of inertia, at the segment's top.
@@ -74,7 +78,7 @@ pub struct ProfileSegment {
     pub z_bottom_m: f64,
     /// Its upper end.
     pub z_top_m: f64,
-    /// What the table says; null where it is rigid in shear. Of shear stiffnesses that differ, the one along the first direction.
+    /// What the table says; null where it is rigid in shear.
     pub given: Option<f64>,
     /// The factor on it.
     pub factor: f64,
@@ -120,7 +124,8 @@ impl Quantity {
         match stiffness {
             Some(Stiffness::Bending1) => Self::Bending1,
             Some(Stiffness::Bending2) => Self::Bending2,
-            Some(Stiffness::Shear) => Self::Shear,
+            Some(Stiffness::Shear1) => Self::Shear1,
+            Some(Stiffness::Shear2) => Self::Shear2,
             Some(Stiffness::Torsion) => Self::Torsion,
             None => Self::Mass,
         }
@@ -131,7 +136,8 @@ impl Quantity {
         match self {
             Self::Bending1 => "bending_1",
             Self::Bending2 => "bending_2",
-            Self::Shear => "shear",
+            Self::Shear1 => "shear_1",
+            Self::Shear2 => "shear_2",
             Self::Torsion => "torsion",
             Self::Mass => "mass",
         }
@@ -140,7 +146,7 @@ impl Quantity {
     fn unit(self) -> &'static str {
         match self {
             Self::Bending1 | Self::Bending2 | Self::Torsion => "N m²",
-            Self::Shear => "N",
+            Self::Shear1 | Self::Shear2 => "N",
             Self::Mass => "kg",
         }
     }
@@ -149,7 +155,8 @@ impl Quantity {
         match self {
             Self::Bending1 => Some(segment.bending_n_m2[0]),
             Self::Bending2 => Some(segment.bending_n_m2[1]),
-            Self::Shear => segment.shear_n[0].or(segment.shear_n[1]),
+            Self::Shear1 => segment.shear_n[0],
+            Self::Shear2 => segment.shear_n[1],
             Self::Torsion => Some(segment.torsion_n_m2),
             Self::Mass => Some(segment.mass_top_kg),
         }

@@ -151,9 +151,9 @@ fn waves(structure: &Structure, model: &Model, random: &mut ChaCha8Rng) -> (Stru
     let stiffness = model.background_stiffness.unwrap();
     // One for all stiffnesses, and a smaller one for each.
     let common = wave(0.87 * stiffness);
-    let own = [0.5, 0.5, 1.0, 1.0].map(|share| wave(share * stiffness));
+    let own = [0.5, 0.5, 1.0, 1.0, 1.0].map(|share| wave(share * stiffness));
     let mass = wave(model.background_mass.unwrap());
-    let mut factors = vec![Vec::new(); 5];
+    let mut factors = vec![Vec::new(); 6];
     for segment in beam.segments_mut() {
         let z_m = 0.5 * (segment.z_bottom_m + segment.z_top_m);
         for (at, stiffness) in Stiffness::ALL.into_iter().enumerate() {
@@ -162,7 +162,7 @@ fn waves(structure: &Structure, model: &Model, random: &mut ChaCha8Rng) -> (Stru
             factors[at].push(factor);
         }
         segment.scale_mass(mass(z_m));
-        factors[4].push(mass(z_m));
+        factors[5].push(mass(z_m));
     }
     (Structure::new(beam), factors)
 }

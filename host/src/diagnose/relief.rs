@@ -36,7 +36,7 @@ const NEXT_TO_NONE_LEFT: f64 = 1.0 / 3.0;
 /// Whether a model cannot be as it is and can with an effect, which gains so much that it is impossible without: errors that do not fall
 /// say then that the table happens to be wrong the other way. Measured: a tube that slides on its soil by 1.5 % of its frequencies, with a
 /// table too soft by 1 %, has frequencies four times as far off with the effect, and no other model passes (p 0.87, ln B 142).
-fn is_called_for(passes: bool, passes_with: bool, log_bayes_factor: f64) -> bool {
+pub(super) fn is_called_for(passes: bool, passes_with: bool, log_bayes_factor: f64) -> bool {
     !passes && passes_with && log_bayes_factor > CLEAR
 }
 
@@ -64,6 +64,16 @@ pub struct Left {
 }
 
 impl Left {
+    /// Of differences, each with the effect and without it; `None` where there were none to share.
+    pub(super) fn of(
+        [misfit, misfit_before]: [f64; 2],
+        [frequency, frequency_before]: [f64; 2],
+        moves: bool,
+    ) -> Option<Self> {
+        let left = Self { misfit: misfit / misfit_before, frequency: frequency / frequency_before, moves };
+        (left.misfit.is_finite() && left.frequency.is_finite()).then_some(left)
+    }
+
     /// Whether the model's errors fall. Where the model `is_good` as it is, they must fall clearly, and not at the price of frequencies; where
     /// it is not, one effect of several may leave more of the one or of the other. What leaves next to none of them is a relief either way. A
     /// fault of a sensor is part of the measurement and no remedy for the model's errors: for that the answer is yes.
@@ -99,9 +109,7 @@ impl Problem {
         };
         let ((misfit, frequency), (misfit_before, frequency_before)) = (weighed(&with)?, weighed(without)?);
         let moves = self.bare.is_changed_by(&found.own().effects()[found.index()]).ok()?;
-        let left = Left { misfit: misfit / misfit_before, frequency: frequency / frequency_before, moves };
-        // A model that misses nothing has no differences to share.
-        (left.misfit.is_finite() && left.frequency.is_finite()).then_some(left)
+        Left::of([misfit, misfit_before], [frequency, frequency_before], moves)
     }
 }
 

@@ -54,8 +54,7 @@ pub(super) fn by_kind(scored: Vec<Scored>) -> Vec<Vec<Scored>> {
 }
 
 /// Whether a present model, beside an effect that gains so much, is good enough for the effect to be held to what it does to errors alone.
-fn is_good_as_it_is(present: &Fit, gain: f64) -> bool {
-    let p_value = present.goodness_of_fit().p_value;
+pub(super) fn is_good_as_it_is(p_value: f64, gain: f64) -> bool {
     p_value >= EASE || p_value >= FAILS && gain < HARD
 }
 
@@ -170,9 +169,10 @@ impl Problem {
         found.left = without.and_then(|without| self.left_with(without, found));
         // Where the tolerance accounts for all that is left, the evidence is right about what scatter can do.
         let is_accounted_for = !found.own().discrepancy.misses_more();
+        let p_value = present.goodness_of_fit().p_value;
         let falls = is_accounted_for
             || found.is_called_for_by(present)
-            || found.left.is_none_or(|left| left.is_relief(is_good_as_it_is(present, found.log_bayes_factor)));
+            || found.left.is_none_or(|left| left.is_relief(is_good_as_it_is(p_value, found.log_bayes_factor)));
         let (own, index) = (found.own(), found.index());
         let explains_its_own = !own.passes() || self.explains_its_channels(own, index);
         found.helps = falls && explains_its_own && !own.is_usual(index) && !own.looks_like_the_table(index);

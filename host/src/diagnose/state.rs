@@ -5,7 +5,7 @@
 
 use std::sync::{Arc, OnceLock};
 
-use nalgebra::{Cholesky, DMatrix, DVector, Dim, Dyn, Matrix, RowDVector, StorageMut};
+use nalgebra::{Cholesky, DMatrix, DVector, DVectorView, Dim, Dyn, Matrix, RowDVector, StorageMut};
 
 use super::derivatives::BySegments;
 use super::knob::Knob;
@@ -226,6 +226,13 @@ impl State {
     /// Blocks of numbers that are compared, each with the place of its first number and the Cholesky factor of its covariance.
     pub(super) fn blocks(&self) -> impl Iterator<Item = (usize, &Block, &Cholesky<f64, Dyn>)> {
         self.residual.blocks().zip(&self.factors).map(|((first, block), factor)| (first, block, factor))
+    }
+
+    /// By how much (ln f) the frequency moves that moves most, of whitened derivatives of the differences.
+    pub(super) fn largest_shift(&self, slopes: DVectorView<'_, f64>) -> f64 {
+        // A block's first number is its frequency's, which Cholesky's factor leaves to itself.
+        let shift = |(first, _, factor): (usize, &Block, &Cholesky<f64, Dyn>)| factor.l_dirty()[(0, 0)] * slopes[first];
+        self.blocks().map(shift).fold(0.0, |most, shift| most.max(shift.abs()))
     }
 
     /// The value of a knob.

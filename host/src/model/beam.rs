@@ -37,15 +37,17 @@ pub enum Stiffness {
     Bending1,
     /// Bending along local axis 2.
     Bending2,
-    /// Shear along both.
-    Shear,
+    /// Shear along local axis 1.
+    Shear1,
+    /// Shear along local axis 2.
+    Shear2,
     /// Torsion.
     Torsion,
 }
 
 impl Stiffness {
     /// All of them.
-    pub const ALL: [Self; 4] = [Self::Bending1, Self::Bending2, Self::Shear, Self::Torsion];
+    pub const ALL: [Self; 5] = [Self::Bending1, Self::Bending2, Self::Shear1, Self::Shear2, Self::Torsion];
 }
 
 impl Segment {
@@ -70,7 +72,8 @@ impl Segment {
         match stiffness {
             Stiffness::Bending1 => self.bending_n_m2[0] *= factor,
             Stiffness::Bending2 => self.bending_n_m2[1] *= factor,
-            Stiffness::Shear => self.shear_n = self.shear_n.map(|shear| shear.map(|shear| shear * factor)),
+            Stiffness::Shear1 => self.shear_n[0] = self.shear_n[0].map(|shear| shear * factor),
+            Stiffness::Shear2 => self.shear_n[1] = self.shear_n[1].map(|shear| shear * factor),
             Stiffness::Torsion => self.torsion_n_m2 *= factor,
         }
     }

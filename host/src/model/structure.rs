@@ -416,7 +416,7 @@ fn sum(of_all: impl Iterator<Item = [f64; 2]>) -> [f64; 2] {
 #[derive(Debug, Clone)]
 pub struct SegmentChange {
     /// Each of its stiffnesses, in the order of [`Stiffness::ALL`].
-    pub stiffness: [Change; 4],
+    pub stiffness: [Change; Stiffness::ALL.len()],
     /// Its mass.
     pub mass: Change,
 }

@@ -124,6 +124,8 @@ fn profile_says(profile: &Value) -> Option<String> {
         let name = match quantity["quantity"].as_str()? {
             "bending_1" => "bending, 1st axis",
             "bending_2" => "bending, 2nd axis",
+            "shear_1" => "shear, 1st axis",
+            "shear_2" => "shear, 2nd axis",
             other => other,
         };
         for segment in quantity["segments"].as_array()?.iter().filter(|segment| !segment["given"].is_null()) {

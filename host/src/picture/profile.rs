@@ -134,7 +134,8 @@ fn title(quantity: Quantity) -> &'static str {
     match quantity {
         Quantity::Bending1 => "bending, first axis",
         Quantity::Bending2 => "bending, second axis",
-        Quantity::Shear => "shear stiffness",
+        Quantity::Shear1 => "shear, first axis",
+        Quantity::Shear2 => "shear, second axis",
         Quantity::Torsion => "torsional stiffness",
         Quantity::Mass => "mass",
     }

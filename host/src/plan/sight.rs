@@ -173,8 +173,11 @@ impl Judged {
         let rivals: Vec<&Weighed> = rivals.iter().filter(|other| !twins.contains(&other.rival)).collect();
         let draws = own.log_bayes_factors.len();
         let is_found = |draw: usize| own.log_bayes_factors[draw] > STANDS_OUT;
+        let is_counted = |draw: usize| is_found(draw) && own.helps[draw];
         let over = |rival: &Weighed, draw: usize| own.log_bayes_factors[draw] - rival.log_bayes_factors[draw];
-        let is_apart = |rival: &Weighed, draw: usize| over(rival, draw) >= STANDS_OUT && !rival.is_twin[draw];
+        let is_apart = |rival: &Weighed, draw: usize| {
+            !rival.helps[draw] || over(rival, draw) >= STANDS_OUT && !rival.is_twin[draw]
+        };
         let share =
             |is: &dyn Fn(usize) -> bool| (0..draws).filter(|&draw| is(draw)).count() as f64 / draws.max(1) as f64;
         // A hypothesis that cannot have the value that it needs has no evidence at all, so medians stand for what is expected.
@@ -192,7 +195,7 @@ impl Judged {
         let record = RecordOutlook {
             hours,
             probability_found: share(&is_found),
-            probability_named: share(&|draw| is_found(draw) && rivals.iter().all(|rival| is_apart(rival, draw))),
+            probability_named: share(&|draw| is_counted(draw) && rivals.iter().all(|rival| is_apart(rival, draw))),
             log_bayes_factor: middle(&|draw| own.log_bayes_factors[draw]),
             strongest_rival: strongest.map(|rival| rival.rival.to_string()),
             log_bayes_factor_over_rival: strongest.map(|rival| middle(&|draw| over(rival, draw))),

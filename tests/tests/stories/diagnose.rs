@@ -314,26 +314,27 @@ fn the_catalogue_is_listed_and_explained() {
     assert!(text.contains("base-rotation=flexibility_x=7e-15,flexibility_y=9e-15"), "how two values are typed: {text}");
 }
 
-/// A flexible connection gains most in an optimum of its own, which is no larger than what the tolerance looks like: it must not hide that all storeys are
-/// too flexible in shear, by 0.309. The modes are those of a simulated recording.
+/// All storeys are too flexible in shear, by 0.309, and frequencies off by an eighth, whatever the study says of how far storeys scatter. The modes are those
+/// of a simulated recording.
 #[test]
-fn an_effect_that_does_not_count_hides_no_other() {
+fn storeys_far_too_flexible_are_named_whatever_the_tolerance() {
     let folder = tempfile::tempdir().unwrap();
     let from = Path::new(env!("CARGO_MANIFEST_DIR")).join("flexible-storeys");
     for file in ["study.toml", "beam.csv", "modes.csv"] {
         fs::copy(from.join(file), folder.path().join(file)).unwrap();
     }
-    let place = folder.path().to_str().unwrap();
-    let said = json(&["diagnose", place]);
-    assert_eq!((said["verdict"].as_str(), said["best"][0].as_str()), (Some("effect"), Some("shear-flexibility")));
-    let candidate = |effect: &str| {
-        let all = said["candidates"].as_array().unwrap().iter();
-        all.clone().find(|one| one["effect"] == effect).unwrap_or_else(|| panic!("no {effect} in {said}")).clone()
-    };
-    let value = number(&candidate("shear-flexibility")["parameters"][0]["value"]);
-    assert!((value - 0.309).abs() < 0.02, "{value}");
-    // It is still shown, and told of.
-    assert!(number(&candidate("connection-flexibility")["probability"]) < 1e-3);
-    let warnings = said["warnings"].to_string();
-    assert!(warnings.contains("connection-flexibility") && warnings.contains("not counted"), "{warnings}");
+    let (place, toml) = (folder.path().to_str().unwrap(), folder.path().join("study.toml"));
+    let text = fs::read_to_string(&toml).unwrap();
+    assert!(text.contains("background_stiffness = 0.03\n"), "{text}");
+    for tolerance in ["0.015", "0.03", "0.04"] {
+        let stated = format!("background_stiffness = {tolerance}\n");
+        fs::write(&toml, text.replace("background_stiffness = 0.03\n", &stated)).unwrap();
+        let said = json(&["diagnose", place]);
+        let best = (said["verdict"].as_str(), said["best"][0].as_str());
+        assert_eq!(best, (Some("effect"), Some("shear-flexibility")), "{tolerance}");
+        let first = &said["candidates"][0];
+        let (value, std) = (number(&first["parameters"][0]["value"]), number(&first["parameters"][0]["std"]));
+        assert!((value - 0.309).abs() < 2.0 * std && std < 0.04, "{tolerance}: {value} ± {std}");
+        assert!(number(&first["probability"]) > 0.9, "{tolerance}: {first}");
+    }
 }

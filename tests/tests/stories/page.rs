@@ -216,8 +216,8 @@ fn the_page_takes_the_steps_of_the_commands_for_its_own_window_alone() {
     });
     assert_eq!(job["state"], "done", "{job}");
     assert!(stages.iter().all(|(_, done, total)| done <= total && *total > 0), "{stages:?}");
-    let again = stages.iter().filter(|(stage, ..)| stage == "the best effects fitted from the start again");
-    assert!(again.count() > 1, "{stages:?}");
+    let places = stages.iter().filter(|(stage, ..)| stage == "effects at every place");
+    assert!(places.count() > 1, "{stages:?}");
     let lacks = sentences(&server.data(), "finding").remove(0);
     assert!(lacks.starts_with("The model lacks base-rotation"), "{lacks}");
     server.finish(&["add", "base-rotation"]);
