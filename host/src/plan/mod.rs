@@ -307,7 +307,7 @@ impl Search<'_> {
         let findable = findable_share.filter(|_| effect.parameters().len() == 1);
         let findable = findable.and_then(|share| estimates(effect, share).into_iter().next());
         Ok(match &longest.strongest {
-            Some((rival, _)) if longest.record.probability_found >= WANTED => {
+            Some((rival, _)) if longest.probability_counted >= WANTED => {
                 Obstacle::Rival { rival: rival.to_string(), findable_share, findable }
             }
             _ => Obstacle::Tolerance { findable_share, findable },

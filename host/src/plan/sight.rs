@@ -160,6 +160,8 @@ pub(super) const IDENTICAL: f64 = 0.9999;
 #[derive(Debug, Clone)]
 pub(super) struct Judged {
     pub(super) record: RecordOutlook,
+    /// The probability that it is found and counts: that it is larger than what the model's tolerance looks like, and errors fall with it.
+    pub(super) probability_counted: f64,
     /// Expected logarithm of the evidence over the next best hypothesis, the model as it is included.
     pub(super) margin: f64,
     /// The strongest rival, and how alike it is.
@@ -200,7 +202,13 @@ impl Judged {
             strongest_rival: strongest.map(|rival| rival.rival.to_string()),
             log_bayes_factor_over_rival: strongest.map(|rival| middle(&|draw| over(rival, draw))),
         };
-        Some(Self { record, margin, strongest: strongest.map(|rival| (rival.rival.clone(), rival.likeness)) })
+        let probability_counted = share(&is_counted);
+        Some(Self {
+            record,
+            probability_counted,
+            margin,
+            strongest: strongest.map(|rival| (rival.rival.clone(), rival.likeness)),
+        })
     }
 }
 
