@@ -4,16 +4,14 @@ import { make } from "@/canvas.js"
 import { extent, freeing, items, legend, plot } from "@/curves.js"
 import { known, metres, signed } from "@/numbers.js"
 
-const NAMES = {
-    bending_1: "bending, 1st axis", bending_2: "bending, 2nd axis", shear_1: "shear, 1st axis", shear_2: "shear, 2nd axis",
-}
+const named = quantity => quantity.replace("_1", ", 1st axis").replace("_2", ", 2nd axis")
 // Segments that are together shorter than this share of the height, such as a foundation, do not set the scale for all others.
 const SHORT = 0.05
 const change = factor => 100 * (factor - 1)
 const lastOf = data => data.profile?.with_effects ?? data.profile?.as_given
 /** The quantities of a profile with what is known of their segments. */
 const quantitiesOf = profile => items(profile?.quantities).map(({ quantity, segments }) => ({
-    quantity, name: NAMES[quantity] ?? quantity,
+    quantity, name: named(quantity),
     segments: items(segments).filter(one => one.given != null && [one.factor, one.z_bottom_m, one.z_top_m].every(known)),
 })).filter(one => one.segments.length)
 

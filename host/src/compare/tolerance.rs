@@ -96,7 +96,8 @@ impl Tolerance {
         let changes = quantities.iter().flat_map(change).collect();
         let (segments, shears) = (beam.segments().len(), share_of_shear(beam));
         let near = in_common(beam, length_m);
-        let of_a_kind = kernel(beam, OF_A_KIND * length_m) * (1.0 - storeys(shears)) + &near * storeys(shears);
+        let storeys = storeys(shears);
+        let of_a_kind = kernel(beam, OF_A_KIND * length_m) * (1.0 - storeys) + &near * storeys;
         let mut covariance = DMatrix::zeros(segments * quantities.len(), segments * quantities.len());
         for (row, one) in quantities.iter().enumerate() {
             for (column, other) in quantities.iter().enumerate() {

@@ -304,11 +304,11 @@ impl Problem {
                 covariance[(index, index)] += (IDEALISED * units).powi(2);
             }
         }
-        let besides = knobs.iter().enumerate().map(|(at, knob)| {
+        let besides = |(at, knob): (usize, &Knob)| {
             let shift = state.largest_shift(slopes.column(at));
             self.looks_like(&state.effects[knob.effect], knob, shift).powi(2)
-        });
-        let besides = besides.collect();
+        };
+        let besides = knobs.iter().enumerate().map(besides).collect();
         Ok(Fit { state, knobs, slopes, jacobian, covariance, besides, allowed, log_evidence, discrepancy })
     }
 
@@ -349,14 +349,19 @@ pub(super) fn log_one_sided(knobs: &[Knob]) -> f64 {
     one_sided as f64 * std::f64::consts::LN_2
 }
 
-/// Squared distance from zero in standard deviations.
-fn distance(units: &DVector<f64>, covariance: DMatrix<f64>) -> f64 {
-    Cholesky::new(covariance).map_or(0.0, |factor| units.dot(&factor.solve(units)))
+/// Squared distance from zero of values with this covariance, in standard deviations.
+fn distance(values: &DVector<f64>, covariance: DMatrix<f64>) -> f64 {
+    Cholesky::new(covariance).map_or(0.0, |factor| values.dot(&factor.solve(values)))
 }
 
-/// Whether values, in units of their scales and with this covariance, are no further from nothing than what the table's own errors look like.
-pub(super) fn are_like_the_table(units: &DVector<f64>, covariance: DMatrix<f64>) -> bool {
-    exceeding(distance(units, covariance), units.len() as f64) > LIKE_THE_TABLE
+/// Probability that values with this covariance are as far from zero by chance (Wald's test).
+fn chance_of_none(values: &DVector<f64>, covariance: DMatrix<f64>) -> f64 {
+    exceeding(distance(values, covariance), values.len() as f64)
+}
+
+/// Whether values with this covariance, in units of their scales, are no further from nothing than what the table's own errors look like.
+pub(super) fn are_like_the_table(values: &DVector<f64>, covariance: DMatrix<f64>) -> bool {
+    chance_of_none(values, covariance) > LIKE_THE_TABLE
 }
 
 /// What differences cost, and what the background's scatter does.
@@ -404,14 +409,15 @@ impl Fit {
     /// Whether the values of an effect, together, differ from those at which it is not there by more than their deviations:
     /// Wald's test at 5 %. True of effects that have no value to test.
     pub(super) fn is_significant(&self, effect: usize) -> bool {
-        self.chance_of_none(effect, |_| 0.0).is_none_or(|chance| chance < INSIGNIFICANT)
+        self.away_from_none(effect, |_| 0.0)
+            .is_none_or(|(values, covariance)| chance_of_none(&values, covariance) < INSIGNIFICANT)
     }
 
     /// Whether an effect is no larger than what the table's own errors may look like, as far as its parts scatter.
     pub(super) fn looks_like_the_table(&self, effect: usize) -> bool {
         let times = self.discrepancy.scatter.max(1.0).powi(2);
-        let chance = self.chance_of_none(effect, |at| times * self.besides[at]);
-        chance.is_some_and(|chance| chance > LIKE_THE_TABLE)
+        let away = self.away_from_none(effect, |at| times * self.besides[at]);
+        away.is_some_and(|(values, covariance)| are_like_the_table(&values, covariance))
     }
 
     /// By how much the logarithm of the evidence can fall where an effect is left out and all else is fitted anew, were differences linear;
@@ -420,18 +426,12 @@ impl Fit {
         let idealised = |at: usize| {
             -(IDEALISED * (self.state.value(&self.knobs[at]) - self.knobs[at].neutral) / self.knobs[at].scale).powi(2)
         };
-        self.distance_from_none(effect, idealised).map(|(square, _)| 0.5 * square)
+        self.away_from_none(effect, idealised).map(|(values, covariance)| 0.5 * distance(&values, covariance))
     }
 
-    /// Probability that values of an effect, together, are as far from those at which it is not there by chance, with this much variance of
-    /// each besides (Wald's test); `None` of effects that have no value to test.
-    fn chance_of_none(&self, effect: usize, besides: impl Fn(usize) -> f64) -> Option<f64> {
-        self.distance_from_none(effect, besides).map(|(square, values)| exceeding(square, values as f64))
-    }
-
-    /// How far values of an effect, together, are from those at which it is not there: in standard deviations, squared, and of how many
-    /// values.
-    fn distance_from_none(&self, effect: usize, besides: impl Fn(usize) -> f64) -> Option<(f64, usize)> {
+    /// How far values of an effect are from those at which it is not there, in units of their scales, with their covariance and this much variance
+    /// of each besides; `None` of effects that have no value to test.
+    fn away_from_none(&self, effect: usize, besides: impl Fn(usize) -> f64) -> Option<(DVector<f64>, DMatrix<f64>)> {
         let parameter = |index: usize| {
             let knob = self.knobs.get(index).filter(|knob| knob.effect == effect)?;
             self.state.effects[effect].parameters().nth(knob.parameter).map(|(parameter, _)| parameter)
@@ -456,7 +456,7 @@ impl Fit {
         for (at, &knob) in knobs.iter().enumerate() {
             covariance[(at, at)] += besides(knob);
         }
-        Some((distance(&units, covariance), knobs.len()))
+        Some((units, covariance))
     }
 
     /// The values of an effect, with their standard deviations.

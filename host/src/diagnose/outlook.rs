@@ -221,9 +221,10 @@ impl Outlook {
             let (knobs, columns) = self.problem.columns_of(&self.given, candidate, None, guesses)?;
             let columns = columns.rows(0, size).into_owned();
             let effect = candidate.effect(&candidate.neutral())?;
-            let blocks = || self.given.state.residual.blocks();
-            let largest = |at: usize| blocks().fold(0.0, |most: f64, (first, _)| most.max(columns[(first, at)].abs()));
-            let besides = |(at, knob): (usize, &Knob)| self.problem.looks_like(&effect, knob, largest(at)).powi(2);
+            let besides = |(at, knob): (usize, &Knob)| {
+                let shift = self.given.state.largest_shift(columns.column(at));
+                self.problem.looks_like(&effect, knob, shift).powi(2)
+            };
             let besides = DVector::from_iterator(knobs.len(), knobs.iter().enumerate().map(besides));
             return Some(Member { knobs, columns, shift: None, besides });
         }
@@ -326,17 +327,23 @@ impl Outlook {
         let whole = plain.seen(&DMatrix::from_columns(&[-&self.expected]));
         let p_value = |squares: f64| exceeding(squares, self.expected.len() as f64);
         let weigh = |group: &Group| {
-            let gains: Vec<Vec<Gain>> = parts.par_iter().map(|part| part.gains(group)).collect();
+            let gained: Vec<Gained<'_>> = parts.par_iter().map(|part| part.gains(group)).collect();
+            let moves = group.rival.kind().is_of_structure();
             let said = |draw: usize| {
-                let log_evidence = |part: usize| parts[part].present[draw] + gains[part][draw].log_evidence;
+                let log_evidence = |part: usize| parts[part].present[draw] + gained[part].each[draw].log_evidence;
                 let (with, without) = (at_best(&log_evidence), at_best(&|part| parts[part].present[draw]));
                 let log_bayes_factor = log_evidence(with) - parts[without].present[draw];
-                let gain = &gains[with][draw];
+                let (part, gain) = (&parts[with], &gained[with].each[draw]);
                 let [p_value, p_value_with] = [parts[without].squares[draw], gain.squares].map(p_value);
-                let falls = !parts[with].sizes.misses_more()
-                    || is_called_for(p_value >= FAILS, p_value_with >= FAILS, log_bayes_factor)
-                    || gain.left.is_none_or(|left| left.is_relief(is_good_as_it_is(p_value, log_bayes_factor)));
-                (log_bayes_factor, falls && !gain.is_like_the_table)
+                let counts = |moved: &Moved<'_>| {
+                    let falls = !part.sizes.misses_more()
+                        || is_called_for(p_value >= FAILS, p_value_with >= FAILS, log_bayes_factor)
+                        || part
+                            .left_by(moved, draw, moves)
+                            .is_none_or(|left| left.is_relief(is_good_as_it_is(p_value, log_bayes_factor)));
+                    falls && !moved.is_like_the_table(draw, part.sizes.scatter)
+                };
+                (log_bayes_factor, gain.best.is_none_or(|best| counts(&gained[with].moved[best])))
             };
             let (likeness, left) = plain.likeness(group, &whole);
             let (log_bayes_factors, helps) = (0..draws.len()).map(said).unzip();
@@ -384,29 +391,34 @@ struct Seen {
     bent: DMatrix<f64>,
 }
 
+/// What a hypothesis does with one discrepancy.
+struct Gained<'a> {
+    /// At every place.
+    moved: Vec<Moved<'a>>,
+    /// At its best one, draw by draw.
+    each: Vec<Gain>,
+}
+
 /// What a hypothesis does in one draw, at its best place.
 struct Gain {
+    /// Which of the places; `None` where it cannot be at any.
+    best: Option<usize>,
     /// By how much the logarithm of the evidence rises, averaged over places.
     log_evidence: f64,
     /// The squares of what is left and of the scatter that is needed for it.
     squares: f64,
-    /// What it leaves of the differences without any scatter; `None` where there is nothing to share.
-    left: Option<Left>,
-    /// Whether it is no larger than what the table's own errors look like.
-    is_like_the_table: bool,
 }
 
 impl Gain {
     /// Of what cannot be.
-    const NONE: Self =
-        Self { log_evidence: f64::NEG_INFINITY, squares: f64::INFINITY, left: None, is_like_the_table: false };
+    const NONE: Self = Self { best: None, log_evidence: f64::NEG_INFINITY, squares: f64::INFINITY };
 }
 
 /// What an effect at a place can do about the draws.
 struct Moved<'a> {
     member: &'a Member,
-    /// Covariance of its values, in units of their scales; none of one that is there or not.
-    covariance: Option<DMatrix<f64>>,
+    /// The step that leads to its values; none of one that is there or not.
+    step: Option<LinearStep>,
     seen: Seen,
     /// Its values for each draw, in units of their scales.
     units: Vec<DVector<f64>>,
@@ -417,9 +429,9 @@ struct Moved<'a> {
 impl Moved<'_> {
     /// Whether its values are no larger than what the table's own errors look like, where parts scatter so many times as far as stated.
     fn is_like_the_table(&self, draw: usize, scatter: f64) -> bool {
-        let Some(covariance) = &self.covariance else { return false };
+        let Some(step) = &self.step else { return false };
         let besides = &self.member.besides * scatter.max(1.0).powi(2);
-        are_like_the_table(&self.units[draw], covariance + DMatrix::from_diagonal(&besides))
+        are_like_the_table(&self.units[draw], step.covariance() + DMatrix::from_diagonal(&besides))
     }
 }
 
@@ -476,29 +488,23 @@ impl<'a> Part<'a> {
 
     /// By how much a hypothesis gains on the model as it is in each draw: the logarithm of its evidence, averaged over its places.
     /// What the robust loss takes from it is that at its best place.
-    fn gains(&self, group: &Group) -> Vec<Gain> {
-        let moved: Vec<Moved<'_>> = group.members.iter().filter_map(|member| self.moved(member)).collect();
+    fn gains<'b>(&self, group: &'b Group) -> Gained<'b> {
+        let moved: Vec<Moved<'b>> = group.members.iter().filter_map(|member| self.moved(member)).collect();
         let mean = |draw: usize| {
-            let Some(best) = moved.iter().max_by(|a, b| a.gains[draw].total_cmp(&b.gains[draw])) else {
-                return Gain::NONE;
-            };
-            let most = best.gains[draw];
-            if most == f64::NEG_INFINITY {
-                return Gain::NONE;
-            }
+            let gain = |place: &usize| moved[*place].gains[draw];
+            let place = (0..moved.len()).max_by(|a, b| gain(a).total_cmp(&gain(b)));
+            let Some(place) = place.filter(|place| gain(place) > f64::NEG_INFINITY) else { return Gain::NONE };
+            let (best, most) = (&moved[place], gain(&place));
             let sum: f64 = moved.iter().map(|moved| (moved.gains[draw] - most).exp()).sum();
             let left = self.draws.left.column(draw) + &best.seen.left * &best.units[draw];
             let bent = self.draws.bent.column(draw) + &best.seen.bent * &best.units[draw];
             let [squares, robust] = self.costs(left, &bent);
             let shared = (sum / group.hypotheses as f64).ln();
-            Gain {
-                log_evidence: most + shared - 0.5 * (robust - squares - self.robust[draw]),
-                squares,
-                left: self.left_by(best, draw, group.rival.kind().is_of_structure()),
-                is_like_the_table: best.is_like_the_table(draw, self.sizes.scatter),
-            }
+            let log_evidence = most + shared - 0.5 * (robust - squares - self.robust[draw]);
+            Gain { best: Some(place), log_evidence, squares }
         };
-        (0..self.squares.len()).map(mean).collect()
+        let each = (0..self.squares.len()).map(mean).collect();
+        Gained { moved, each }
     }
 
     /// What an effect leaves of the differences without any scatter, as [`Problem::left_with`] says it of a fit.
@@ -507,12 +513,9 @@ impl<'a> Part<'a> {
         let without = self.draws.whole.column(draw).into_owned();
         let with = &without + &moved.seen.whole * &moved.units[draw];
         let weighed = |differences: DVector<f64>| {
-            let of_frequencies: f64 = state.residual.blocks().map(|(first, _)| differences[first].powi(2)).sum();
-            let all = differences.resize_vertically(state.size(), 0.0);
-            (state.misfit_of(&all, &self.factors, Loss::Robust), of_frequencies)
+            state.misfit_and_frequencies(&differences.resize_vertically(state.size(), 0.0), &self.factors)
         };
-        let ((misfit, frequency), (misfit_before, frequency_before)) = (weighed(with), weighed(without));
-        Left::of([misfit, misfit_before], [frequency, frequency_before], moves)
+        Left::of(weighed(with), weighed(without), moves)
     }
 
     fn moved<'b>(&self, member: &'b Member) -> Option<Moved<'b>> {
@@ -522,13 +525,12 @@ impl<'a> Part<'a> {
             let own = seen.whole.dot(&seen.left);
             let gains = gradients.iter().map(|along| -along - 0.5 * own).collect();
             let units = vec![DVector::from_element(1, 1.0); self.squares.len()];
-            return Some(Moved { member, covariance: None, units, seen, gains });
+            return Some(Moved { member, step: None, units, seen, gains });
         }
         let information = seen.whole.tr_mul(&seen.left);
         if !is_seen(&information, &seen.whole) {
             return None;
         }
-        let covariance = Cholesky::new(information.clone()).map(|factor| factor.inverse());
         let step = LinearStep::of(information)?;
         let one_sided = log_one_sided(&member.knobs);
         let gain = |gradient: DVector<f64>| {
@@ -539,7 +541,7 @@ impl<'a> Part<'a> {
         };
         let all: Option<Vec<_>> = gradients.column_iter().map(|gradient| gain(gradient.into_owned())).collect();
         let (units, gains) = all?.into_iter().unzip();
-        Some(Moved { member, covariance, seen, units, gains })
+        Some(Moved { member, step: Some(step), seen, units, gains })
     }
 
     /// The squared cosine between what the effect does and what the hypothesis can do at its likest place, and the squared

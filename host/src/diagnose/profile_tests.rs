@@ -1,17 +1,15 @@
 //! Profiles: deviations are those of an independent computation, and truths that scatter otherwise lie within them.
 
-use std::path::Path;
-
 use nalgebra::{DMatrix, DVector};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
 use super::profile::Quantity;
 use super::steps::Setting;
-use super::testing::{measured, normal, study};
+use super::testing::{measured, normal, site, study};
 use super::*;
 use crate::compare::Tolerance;
-use crate::model::{BeamTable, Body, Segment, Stiffness, Structure};
+use crate::model::{Body, Segment, Stiffness, Structure};
 use crate::modes::MeasuredMode;
 use crate::progress::UNHEARD;
 use crate::study::{Model, Sensor};
@@ -23,23 +21,8 @@ fn shaft() -> (Structure, Model, Vec<Sensor>) {
         let (bottom_m, top_m) = (10 * segment, 10 * (segment + 1));
         text += &format!("{bottom_m},{top_m},4e11,2.5e11,0,6e9,2e11,2e5,2e6,2e6,4e6\n");
     }
-    let beam = BeamTable::from_reader(text.as_bytes(), Path::new("beam.csv")).unwrap();
-    let (_, model, sensors) = study();
-    let model = Model {
-        background_stiffness: Some(0.04),
-        background_mass: Some(0.02),
-        correlation_length_m: Some(25.0),
-        ..model
-    };
-    let at = |index: usize| Sensor {
-        channel: format!("s{index}"),
-        point: format!("s{index}"),
-        elevation_m: Some([20.0, 40.0, 60.0, 80.0][index / 2]),
-        direction: Some(crate::study::Direction::AzimuthDeg([0.0, 90.0][index % 2])),
-        offset_m: [0.0, 0.0],
-        ..sensors[0].clone()
-    };
-    (Structure::new(beam), model, (0..8).map(at).collect())
+    let at = |index: usize| ([20.0, 40.0, 60.0, 80.0][index / 2], [0.0, 90.0][index % 2], [0.0, 0.0]);
+    site(&text, [0.04, 0.02, 25.0], (0..8).map(at))
 }
 
 fn frequencies(structure: &Structure, count: usize) -> DVector<f64> {

@@ -9,7 +9,6 @@ use serde::Serialize;
 
 use super::fit::Fit;
 use super::found::Found;
-use super::misfit::Loss;
 use super::problem::Problem;
 use super::search::CLEAR;
 use super::state::State;
@@ -64,13 +63,9 @@ pub struct Left {
 }
 
 impl Left {
-    /// Of differences, each with the effect and without it; `None` where there were none to share.
-    pub(super) fn of(
-        [misfit, misfit_before]: [f64; 2],
-        [frequency, frequency_before]: [f64; 2],
-        moves: bool,
-    ) -> Option<Self> {
-        let left = Self { misfit: misfit / misfit_before, frequency: frequency / frequency_before, moves };
+    /// Of [`State::misfit_and_frequencies`] with the effect and without it. `None` where there were no differences to share.
+    pub(super) fn of(with: [f64; 2], without: [f64; 2], moves: bool) -> Option<Self> {
+        let left = Self { misfit: with[0] / without[0], frequency: with[1] / without[1], moves };
         (left.misfit.is_finite() && left.frequency.is_finite()).then_some(left)
     }
 
@@ -99,17 +94,15 @@ impl Problem {
         }
         let with = self.state_without_scatter(found.own().effects()).ok()?;
         // Both are weighed with the discrepancy that suits the effect.
-        let weighed = |state: &State| -> Option<(f64, f64)> {
+        let weighed = |state: &State| -> Option<[f64; 2]> {
             let factors = self.covariance_factors(&state.residual, &found.own().discrepancy)?;
             let mut modes = state.residual.vector();
             state.whiten_by(&factors, &mut modes);
-            let of_frequencies = state.residual.blocks().map(|(first, _)| modes[first].powi(2)).sum();
             let differences = state.joined(modes, &state.phases, &state.damping);
-            Some((state.misfit_of(&differences, &factors, Loss::Robust), of_frequencies))
+            Some(state.misfit_and_frequencies(&differences, &factors))
         };
-        let ((misfit, frequency), (misfit_before, frequency_before)) = (weighed(&with)?, weighed(without)?);
         let moves = self.bare.is_changed_by(&found.own().effects()[found.index()]).ok()?;
-        Left::of([misfit, misfit_before], [frequency, frequency_before], moves)
+        Left::of(weighed(&with)?, weighed(without)?, moves)
     }
 }
 

@@ -236,6 +236,11 @@ impl LinearStep {
         Some(Self { log_determinant: log_determinant(&with_prior), information, factor })
     }
 
+    /// Covariance of the values, in units of their scales, without their prior.
+    pub(super) fn covariance(&self) -> DMatrix<f64> {
+        self.factor.inverse()
+    }
+
     /// The values that the step leads to, and the gain in the logarithm of the evidence, where the misfit has this gradient.
     ///
     /// Of several values, those that it would take below where the effect is not there stay there, and the others lead: guys along one

@@ -228,6 +228,16 @@ impl State {
         self.residual.blocks().zip(&self.factors).map(|((first, block), factor)| (first, block, factor))
     }
 
+    /// What whitened differences cost by the robust loss, and the squares of frequencies among them.
+    pub(super) fn misfit_and_frequencies(
+        &self,
+        differences: &DVector<f64>,
+        factors: &[Cholesky<f64, Dyn>],
+    ) -> [f64; 2] {
+        let of_frequencies = self.residual.blocks().map(|(first, _)| differences[first].powi(2)).sum();
+        [self.misfit_of(differences, factors, Loss::Robust), of_frequencies]
+    }
+
     /// By how much (ln f) the frequency moves that moves most, of whitened derivatives of the differences.
     pub(super) fn largest_shift(&self, slopes: DVectorView<'_, f64>) -> f64 {
         // A block's first number is its frequency's, which Cholesky's factor leaves to itself.

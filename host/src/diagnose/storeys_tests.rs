@@ -1,16 +1,14 @@
 //! Buildings whose storeys shear: what one axis is off by says nothing of the other, and shear moves them far.
 
-use std::path::Path;
-
 use nalgebra::DVector;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
-use super::testing::{measured, scattered, study};
+use super::testing::{measured, scattered, site};
 use super::*;
 use crate::model::effect::Effect;
-use crate::model::{BeamTable, Body, Stiffness, Structure};
-use crate::study::{Direction, Model, Sensor};
+use crate::model::{Body, Stiffness, Structure};
+use crate::study::{Model, Sensor};
 
 /// Twenty storeys of 3.5 m, with frames along one axis and stiffer ones along the other, and three sensors on every fourth floor.
 fn building() -> (Structure, Model, Vec<Sensor>) {
@@ -24,23 +22,11 @@ fn building() -> (Structure, Model, Vec<Sensor>) {
             "{bottom_m},{top_m},{bending_1},{bending_2},0,{shear_1},{shear_2},{torsion},5e5,1.7e7,3.8e6,5.4e7\n"
         );
     }
-    let beam = BeamTable::from_reader(text.as_bytes(), Path::new("beam.csv")).unwrap();
-    let (_, model, sensors) = study();
-    let model = Model {
-        background_stiffness: Some(0.03),
-        background_mass: Some(0.01),
-        correlation_length_m: Some(14.0),
-        ..model
+    let at = |index: usize| {
+        let offsets_m = [[0.0, -9.0], [0.0, 9.0], [14.0, 0.0]];
+        ([14.0, 28.0, 42.0, 56.0, 70.0][index / 3], [0.0, 0.0, 90.0][index % 3], offsets_m[index % 3])
     };
-    let at = |index: usize| Sensor {
-        channel: format!("s{index}"),
-        point: format!("s{index}"),
-        elevation_m: Some([14.0, 28.0, 42.0, 56.0, 70.0][index / 3]),
-        direction: Some(Direction::AzimuthDeg([0.0, 0.0, 90.0][index % 3])),
-        offset_m: [[0.0, -9.0], [0.0, 9.0], [14.0, 0.0]][index % 3],
-        ..sensors[0].clone()
-    };
-    (Structure::new(beam), model, (0..15).map(at).collect())
+    site(&text, [0.03, 0.01, 14.0], (0..15).map(at))
 }
 
 fn diagnosed(truth: &Structure) -> Diagnosis {

@@ -9,12 +9,37 @@ use rand_distr::{Distribution, StandardNormal};
 use crate::compare::ModelView;
 use crate::model::{BeamTable, Structure};
 use crate::modes::{MeasuredMode, MeasuredShape};
-use crate::study::{Model, Sensor, Study, template};
+use crate::study::{Direction, Model, Sensor, Study, template};
 
 pub(crate) fn study() -> (Structure, Model, Vec<Sensor>) {
     let beam = BeamTable::from_reader(template::CANTON_BEAM.as_bytes(), Path::new("beam.csv")).unwrap();
     let study = Study::from_text(template::CANTON_STUDY, Path::new("canton")).unwrap();
     (Structure::new(beam), study.model.clone().unwrap(), study.sensors())
+}
+
+/// A beam table with its tolerance (stiffness, mass, correlation length in m) and sensors: heights, azimuths in degrees and offsets in m.
+pub(super) fn site(
+    table: &str,
+    [stiffness, mass, length_m]: [f64; 3],
+    sensors: impl Iterator<Item = (f64, f64, [f64; 2])>,
+) -> (Structure, Model, Vec<Sensor>) {
+    let beam = BeamTable::from_reader(table.as_bytes(), Path::new("beam.csv")).unwrap();
+    let (_, model, of_study) = study();
+    let model = Model {
+        background_stiffness: Some(stiffness),
+        background_mass: Some(mass),
+        correlation_length_m: Some(length_m),
+        ..model
+    };
+    let sensor = |(index, (elevation_m, azimuth_deg, offset_m)): (usize, (f64, f64, [f64; 2]))| Sensor {
+        channel: format!("s{index}"),
+        point: format!("s{index}"),
+        elevation_m: Some(elevation_m),
+        direction: Some(Direction::AzimuthDeg(azimuth_deg)),
+        offset_m,
+        ..of_study[0].clone()
+    };
+    (Structure::new(beam), model, sensors.enumerate().map(sensor).collect())
 }
 
 pub(super) fn normal(random: &mut ChaCha8Rng) -> f64 {

@@ -121,13 +121,7 @@ fn profile_says(profile: &Value) -> Option<String> {
         (std > 0.0).then_some((100.0 * (factor - 1.0), 100.0 * std))
     };
     for quantity in quantities {
-        let name = match quantity["quantity"].as_str()? {
-            "bending_1" => "bending, 1st axis",
-            "bending_2" => "bending, 2nd axis",
-            "shear_1" => "shear, 1st axis",
-            "shear_2" => "shear, 2nd axis",
-            other => other,
-        };
+        let name = quantity["quantity"].as_str()?.replace("_1", ", 1st axis").replace("_2", ", 2nd axis");
         for segment in quantity["segments"].as_array()?.iter().filter(|segment| !segment["given"].is_null()) {
             let ends = segment["z_bottom_m"].as_f64().zip(segment["z_top_m"].as_f64());
             let Some(((change, std), (bottom_m, top_m))) = change(segment).zip(ends) else { continue };

@@ -217,9 +217,8 @@ fn three_hidden_effects_are_a_set_of_three() {
     assert_eq!(effects.len(), hidden.len(), "{set}");
     for (kind, _, value) in hidden {
         let found = effects.iter().find(|found| found["effect"] == kind).unwrap_or_else(|| panic!("{kind}: {set}"));
-        // Segments scatter, so values are a little off: within what is stated of them.
-        let std = number(&found["parameters"][0]["std"]);
-        assert!((number(&found["parameters"][0]["value"]) - value).abs() < 2.0 * std && std < 0.25 * value, "{found}");
+        // Segments scatter, so values are a little off.
+        assert!((number(&found["parameters"][0]["value"]) / value - 1.0).abs() < 0.1, "{found}");
         assert!(number(&found["probability"]) > 0.95, "{found}");
     }
     assert!(
